@@ -1,0 +1,73 @@
+"""The integrals over depth that every L_P norm over the frustum is made of; free of theta and of the field of view.
+
+    I_i(f/n) = integral over t in [0, 1] of t^i (1 - t)^(M - i) (1 + (f/n - 1) t)^-Q,   i = 0..M
+
+an incomplete-Beta (2F1) family. Its elementary forms cancel for thin frusta and overflow for deep ones; here each is a
+piecewise polynomial in L = log(f/n) of I_i (f/n)^min(i+1, Q), which stays between constants times (1 + L). It is
+interpolated at Chebyshev nodes and stored by powers, for Horner: the integrand's nearest singularities in L are at
++-2 pi i, so that the coefficients on panels of half width 1/4 fall by 2 pi / (1/4) = 25 each, and nothing cancels.
+Relative error 2e-15 for L in [0, 32], at ten multiply-adds an integral.
+"""
+
+import functools
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._numerics import horner
+
+_PANELS = 64
+_DEGREE = 9
+LARGEST_LOG_RATIO = 32.0  # f/n up to 7.9e13
+_WIDTH = LARGEST_LOG_RATIO / _PANELS
+
+
+def log_depth_nodes(count: int, log_ratio: "np.ndarray | Array", xp=np):
+    """Gauss-Legendre nodes in t for z = n (f/n)^t: (p, q, weight), the far and near fractions of each node's depth.
+
+    p = (z - n)/(f - n) and q = (f - z)/(f - n) come from expm1, so neither is a difference; the weight is dz/(f - n)
+    times n/z. Log depth because the integrands are rational in z with poles at z <= 0: in log z they are entire enough
+    for 48 nodes to reach rounding at f/n = 1e13.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    t, one_minus_t, w = (1 + nodes) / 2, (1 - nodes) / 2, weights / 2
+    L = log_ratio[..., None]
+    p = xp.expm1(t * L) / xp.expm1(L)
+    q = xp.expm1(-one_minus_t * L) / xp.expm1(-L)
+    return p, q, w * L / xp.expm1(L), t * L
+
+
+@functools.lru_cache(maxsize=64)
+def _panels(degree: int, exponent: float) -> np.ndarray:
+    """Coefficients in y in [-1, 1] on each panel, lowest power first, shape (M + 1, _DEGREE + 1, _PANELS)."""
+    k = np.arange(_DEGREE + 1)
+    y = np.cos(np.pi * (k + 0.5) / (_DEGREE + 1))
+    p, q, weight, log_z = log_depth_nodes(64, _WIDTH * (np.arange(_PANELS)[:, None] + (y + 1) / 2))
+    i = np.arange(degree + 1)[:, None, None, None]
+    growth = np.minimum(i + 1, exponent) * (_WIDTH * (np.arange(_PANELS)[:, None] + (y + 1) / 2))[..., None]
+    values = (weight * p**i * q ** (degree - i) * np.exp((1 - exponent) * log_z + growth)).sum(-1)
+    to_chebyshev = 2 / (_DEGREE + 1) * np.cos(np.pi * np.outer(k, k + 0.5) / (_DEGREE + 1))
+    to_chebyshev[0] /= 2
+    to_powers = np.zeros((_DEGREE + 1, _DEGREE + 1))
+    for row in k:
+        powers = np.polynomial.chebyshev.cheb2poly(np.eye(_DEGREE + 1)[row])
+        to_powers[: len(powers), row] = powers
+    return np.einsum("ck,ipk->icp", to_powers @ to_chebyshev, values)
+
+
+def depth_integrals(degree: int, exponent: float, log_ratio: Float[Array, "..."]) -> list[Float[Array, "..."]]:
+    """I_i (f/n)^min(i+1, Q) for i = 0..M at L = log_ratio; NaN beyond LARGEST_LOG_RATIO.
+
+    Args:
+        degree: M.
+        exponent: Q.
+        log_ratio: L = log(f/n) >= 0.
+    """
+    table = _panels(degree, exponent).astype(log_ratio.dtype)
+    position = jnp.where(log_ratio < LARGEST_LOG_RATIO, log_ratio / _WIDTH, 0)
+    panel = position.astype(jnp.int32)
+    y = jnp.where(log_ratio < LARGEST_LOG_RATIO, 2 * (position - panel) - 1, jnp.nan)
+    return [
+        horner([jnp.asarray(c).at[panel].get(mode="promise_in_bounds") for c in powers[::-1]], y) for powers in table
+    ]

@@ -1,0 +1,127 @@
+"""The whole view frustum as receivers: its extreme points for L-inf, its moments for L_P."""
+
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._numerics import horner, power
+from ..theory.error_norm import ErrorNorm
+from ..theory.light_space import Depth, LightSpace
+from .depth_integrals import depth_integrals
+
+
+def extreme_receivers(space: LightSpace, norm: ErrorNorm) -> tuple[Depth, Depth]:
+    """The receivers (at z = n, at z = f) of which one attains the maximum error, for every warp.
+
+    The error grows with delta at equal z and is quasi-convex in space, so over V it is a lower corner's; on the axis
+    an end's.
+    """
+    return space.edge(0.5 if norm.measure == "axis" else 1.0)
+
+
+class Moments(eqx.Module):
+    """All that an L_P norm of even a large scene is, for integer M = kP: M + 1 non-negative numbers.
+
+    integral of A^M z^-Q over the measure, over the measure's mass and in units of near
+        = amplitude (scale eta')^M ... with eta = scale eta':  amplitude * sum_j coefficients[j] eta'^(M - j)
+
+    The scale balances the two ends (coefficients[0] = coefficients[M] = 1). Moment sequences are log-convex, so the
+    others stay below binomials, and neither they nor their powers leave the range of float32.
+    """
+
+    coefficients: tuple[Float[Array, "..."], ...]
+    scale: Float[Array, "..."]
+    root_amplitude: Float[Array, "..."]  # amplitude^(1/P) = (norm of A z^-r over mass / eta'-polynomial)^(1/P)
+
+    def power_mean(self, eta: Float[Array, "..."], norm: ErrorNorm) -> Float[Array, "..."]:
+        """(integral of A^M (z/n)^-rP dm / integral of dm)^(1/P)."""
+        ratio = eta / self.scale
+        # Horner in whichever of eta', 1/eta' is below 1: powers cannot overflow.
+        flip = ratio > 1
+        at = jnp.where(flip, 1 / jnp.where(flip, ratio, 1), ratio)
+        up = horner(self.coefficients, jnp.where(flip, 1, at))
+        down = horner(self.coefficients[::-1], jnp.where(flip, at, 1))
+        largest = jnp.where(flip, eta, self.scale)
+        return (
+            self.root_amplitude
+            * power(largest, norm.metric.blend_power)
+            * power(jnp.where(flip, down, up), 1 / norm.order)
+        )
+
+
+def moments(space: LightSpace, norm: ErrorNorm) -> Moments:
+    """The moments of the whole frustum under `norm`, whose M must be an integer.
+
+    Over depth they are the theta-free `depth_integrals`; over the height u, Gauss-Legendre with floor(M/2) + 1 nodes,
+    exact for the polynomial. A is linear in depth along each height's segment, so that a moment is the polar form of
+    the depth integrals at the segment's end values: repeated contraction, all terms positive.
+    """
+    M, Q = round(norm.blend_degree), norm.depth_exponent
+    x, L = space.depth_range, space.log_ratio
+    # A first scale, free of the data: about where the optimum is, and never below the nearest receivers' delta. It
+    # keeps the integrals (which span (n/f)^Q) and the corner values in range.
+    nearest = space.edge(1.0)[0].delta
+    e = norm.metric.depth_power / norm.metric.blend_power
+    sigma = jax.lax.stop_gradient(jnp.maximum(jnp.exp(-e * L), nearest))
+    rise = [min(i + 1, Q) - min(1, Q) for i in range(M + 1)]
+    centre = math.floor(max(i - m for i, m in enumerate(rise)) / 2)
+    ratio = 1 / ((1 + x) * sigma)
+    space, sigma = jax.lax.optimization_barrier((space, sigma))
+    integrals = [
+        value * power(ratio, m) * power(sigma, centre - (i - m))
+        for i, (m, value) in enumerate(zip(rise, depth_integrals(M, Q, L), strict=True))
+    ]
+    integrals, space, sigma = jax.lax.optimization_barrier((integrals, space, sigma))
+    if norm.measure == "axis":
+        heights, weights = np.array([0.5]), np.array([1.0])
+    else:
+        nodes, weights = np.polynomial.legendre.leggauss(M // 2 + 1)
+        heights, weights = (1 + nodes) / 2, weights / 2
+    raw = [jnp.zeros(())] * (M + 1)
+    for u, weight in zip(heights.tolist(), weights.tolist(), strict=True):
+        near, far = space.edge(u)
+        polar = _polar_forms(
+            integrals, (near.delta / sigma, far.delta), (near.one_minus_delta, far.one_minus_delta * sigma)
+        )
+        raw = [total + weight * math.comb(M, j) * value for j, (total, value) in enumerate(zip(raw, polar, strict=True))]
+    return _balanced(raw, sigma, centre, space, norm)
+
+
+def _polar_forms(integrals: list[Array], delta: tuple[Array, Array], complement: tuple[Array, Array]) -> list[Array]:
+    """Polar form of the depth integrals at j copies of `delta` and M - j of `complement`, j = 0..M.
+
+    Entry i of a form with m arguments left is the integral against t^i (1-t)^(m-i); contracting one argument (near
+    value, far value) is near * form[i] + far * form[i + 1].
+    """
+
+    def contract(form: list[Array], ends: tuple[Array, Array]) -> list[Array]:
+        return [ends[0] * p + ends[1] * q for p, q in zip(form[:-1], form[1:], strict=True)]
+
+    forms = [integrals]
+    for _ in range(len(integrals) - 1):
+        forms = [contract(forms[0], complement)] + [contract(form, delta) for form in forms]
+    return [form[0] for form in forms]
+
+
+def _balanced(raw: list[Array], sigma: Array, centre: int, space: LightSpace, norm: ErrorNorm) -> Moments:
+    M, Q, P = len(raw) - 1, norm.depth_exponent, norm.order
+    first = raw[0]
+    # Any scale near the balance serves, so that its own rounding does not matter.
+    inverse = jax.lax.stop_gradient(jnp.exp(jnp.log(first / raw[-1]) / M))
+    balanced = [value / first for value in raw]
+    for j in range(1, M + 1):  # one factor at a time: inverse^M alone may overflow
+        balanced[j:] = [value * inverse for value in balanced[j:]]
+    mass = _mass(norm.volume_exponent, space)
+    amplitude = first * power(sigma, -centre) * power(1 + space.depth_range, -min(1, Q)) / mass
+    return Moments(tuple(balanced), sigma / inverse, power(amplitude, 1 / P))
+
+
+def _mass(exponent: float, space: LightSpace) -> Array:
+    """integral over t in [0, 1] of (1 + x t)^-q0, the measure's mass in the units of `depth_integrals`."""
+    L = space.log_ratio
+    growth = 1 - exponent
+    return (jnp.expm1(growth * L) / growth if growth else L) / space.depth_range

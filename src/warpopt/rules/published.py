@@ -1,0 +1,125 @@
+"""The published rules for lambda: functions (frustum, theta) -> Warp.
+
+A rule that yields no lambda > 0 returns no warp with `Warp.defined` False. Raises, for all: ValueError for theta outside
+[0, pi]. Written through mu / lambda, which is finite for every rule and zero for no warp.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
+
+from .._checks import checked
+from ..solve.sign_change import on_lanes, positive_root
+from ..theory.frustum import ViewFrustum
+from ..theory.light_space import LightSpace, checked_theta
+from ..theory.warp import Warp
+
+
+def _space(frustum: ViewFrustum, theta: ArrayLike) -> LightSpace:
+    return LightSpace(frustum, checked_theta(theta, frustum))
+
+
+def _from_lam_over_near(space: LightSpace, lam: Float[Array, "..."]) -> Warp:
+    """The warp of a rule's lambda / near; no warp, flagged, unless it is positive."""
+    positive = lam > 0
+    return Warp.from_range_ratio(space.mu_over_near / jnp.where(positive, lam, 1), space.mu, positive)
+
+
+def ssm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
+    """Standard shadow maps: no warp, lambda = inf."""
+    space = _space(frustum, theta)
+    return Warp.from_range_ratio(jnp.zeros_like(space.mu), space.mu)
+
+
+def psm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
+    """Perspective shadow maps: lambda = n a, the apex at the eye; lambda = n at theta = pi/2 (AT09 section 2.1).
+
+    E_q is about 1 and E_p about z on the view axis: the generalised linear distribution. None for theta <= phi.
+    """
+    space = _space(frustum, theta)
+    return _from_lam_over_near(space, space.a_plus)
+
+
+def lispsm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
+    """Light space perspective shadow maps: lambda = (n + sqrt(f n)) / sin(theta), VN section 2.1.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> round(float(warpopt.rules.lispsm(frustum, 1.5707963).lam), 3)
+        11.0
+    """
+    space = _space(frustum, theta)
+    # sqrt(f n) / n; the product f n could overflow
+    ratio = space.mu_over_near * space.sin_theta / (1 + jnp.sqrt(1 + space.depth_range))
+    return Warp.from_range_ratio(ratio, space.mu)
+
+
+def scherzer(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
+    """SC (1), (2): n_opt = (n + sqrt(n (n + mu))) / sin(theta) measured from n before the eye, lambda = n_opt - n + d0.
+
+    The depth extent Dz of the body is that of the whole frustum in light space. Can be negative for theta < phi.
+    """
+    space = _space(frustum, theta)
+    s = space.sin_theta
+    # multiplied by sin(theta), so that theta = 0 (lambda = inf) is a value like any other
+    lam_sin = 1 + jnp.sqrt(1 + space.mu_over_near) + s * (space.minimum_depth / space.near - 1)
+    positive = lam_sin > 0
+    ratio = space.mu_over_near * s / jnp.where(positive, lam_sin, 1)
+    return Warp.from_range_ratio(ratio, space.mu, positive)
+
+
+def minimum_norm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
+    """Generalised minimum norm on the view axis: E_p(z = n) = E_p(z = f) there, lambda = d0 + sin(theta) sqrt(n f).
+
+    The minimiser of the axis' L-inf norm is `optimal_warp(..., measure="axis")`; it differs where the near end alone
+    is stationary.
+    """
+    space = _space(frustum, theta)
+    lam = space.minimum_depth / space.near + space.sin_theta * jnp.sqrt(1 + space.depth_range)
+    return _from_lam_over_near(space, lam)
+
+
+def tsm(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5, xi: float = 0.8) -> Warp:
+    """Trapezoidal shadow maps: the axis point z = n + (f - n) kappa is mapped to s = xi; VN (16), corrected.
+
+    lambda = mu d_k (1 - xi) / (xi mu - d_k), d_k the point's light-space depth; none where it lies beyond xi mu.
+
+    Raises:
+        ValueError: kappa or xi outside (0, 1).
+    """
+    kappa, xi = _fractions(frustum, kappa, xi)
+    space = _space(frustum, theta)
+    near, far = space.edge(0.5)
+    depth = (1 - kappa) * near.delta + kappa * far.delta
+    ratio = (xi - depth) / (depth * (1 - xi))
+    return Warp.from_range_ratio(ratio, space.mu, ratio >= 0)
+
+
+def tsm_alternative(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5) -> Warp:
+    """TSM's alternative for theta <= phi: the warp that gives the focus region the largest area of the map; VN section 3.
+
+    The focus region, eye depths up to z_k = n + (f - n) kappa, covers delta in [p, q], with middle m; the maximum of
+    eta^2 A(m) / (A(p) A(q))^2 is the root of a cubic with one sign change (VN's factor 4 is 2; the argmax is the same).
+    No warp where (1 - z_k / f) tan(theta) <= tan(phi) / 3. Not defined for theta > phi.
+
+    Raises:
+        ValueError: kappa outside (0, 1).
+    """
+    kappa, _ = _fractions(frustum, kappa, 0.5)
+    space = _space(frustum, theta)
+    p, q, m = (
+        [(1 - kappa) * near + kappa * far for near, far in zip(*space.edge(u), strict=True)] for u in (0.0, 1.0, 0.5)
+    )
+    (p, p_), (q, q_), (m, m_) = p, q, m
+    cubic = (p_ * q_ * m_, 2 * m * p_ * q_ - p * q_ * m_ - q * p_ * m_, -3 * p * q * m_, -2 * p * q * m)
+    warps = (space.a_plus <= 0) & (3 * m < 1)
+    root, _ = positive_root(on_lanes(warps, ((3, 2, 1, 0), cubic)), iterative=True)
+    eta = jnp.where(warps, jnp.minimum(root, 1), 1)
+    return Warp.from_range_ratio((1 - eta) / eta, space.mu, space.a_plus <= 0)
+
+
+def _fractions(frustum: ViewFrustum, kappa: float, xi: float) -> tuple[Array, Array]:
+    inside = {"valid": lambda v: (v > 0) & (v < 1), "expected": "a number in (0, 1)"}
+    dtype = frustum.near.dtype
+    return checked("kappa", jnp.asarray(kappa, dtype), **inside), checked("xi", jnp.asarray(xi, dtype), **inside)

@@ -1,0 +1,95 @@
+"""A Newton iteration that cannot leave its bracket, on optimistix's abstract root finder."""
+
+import functools
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, PyTree
+
+
+class _State(eqx.Module):
+    lower: Float[Array, "..."]
+    upper: Float[Array, "..."]
+    stride: Float[Array, "..."]
+    done: Bool[Array, "..."]
+
+
+class BracketedNewton(optx.AbstractRootFinder):
+    """Newton's method for increasing functions, elementwise on arrays, guarded by bisection.
+
+    Every evaluation tightens the bracket given as `options=dict(lower=..., upper=...)`; a Newton step that would leave
+    it, or is not half as long as the step before, is replaced by bisection. A lane stops when a Newton step is below `rtol`: the step after it would be below
+    rtol^2, which is the accuracy reached. (optimistix's `Newton` has no guard and diverges on these objectives;
+    `Bisection` has no derivative.)
+    """
+
+    rtol: float
+    atol: float
+    norm: ClassVar[Callable[[PyTree], Array]] = jnp.abs
+
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _State:
+        lower, upper = (jnp.broadcast_to(options[name], y.shape).astype(y.dtype) for name in ("lower", "upper"))
+        return _State(lower, upper, upper - lower, jnp.zeros(y.shape, bool))
+
+    def step(self, fn, y, args, options, state: _State, tags):
+        value, slope, aux = _value_and_slope(fn, y, args)
+        below = value < 0
+        lower, upper = jnp.where(below, y, state.lower), jnp.where(below, state.upper, y)
+        newton = y - value / slope
+        stride = jnp.abs(newton - y)
+        # Inside the bracket, and at most half as long as the step before; False for NaN too.
+        trusted = (newton >= lower) & (newton <= upper) & (stride <= 0.5 * state.stride)
+        new = jnp.where(trusted, newton, lower + (upper - lower) / 2)
+        small = trusted & (stride <= self.rtol)
+        collapsed = upper - lower <= 2 * jnp.finfo(y.dtype).eps * jnp.maximum(jnp.abs(lower), jnp.abs(upper))
+        new = jnp.where(state.done, y, new)
+        stride = jnp.where(trusted, stride, upper - lower)
+        return new, _State(lower, upper, stride, state.done | small | collapsed), aux
+
+    def terminate(self, fn, y, args, options, state: _State, tags):
+        return jnp.all(state.done), optx.RESULTS.successful
+
+    def postprocess(self, fn, y, aux, args, options, state: _State, tags, result):
+        return y, aux, {"converged": state.done}
+
+
+def _value_and_slope(fn: Callable, y: Array, args: Any) -> tuple[Array, Array, Any]:
+    # The functions act elementwise, so that one tangent of ones carries every lane's derivative.
+    (value, aux), (slope, _) = jax.jvp(lambda at: fn(at, args), (y,), (jnp.ones_like(y),))
+    return value, slope, aux
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def increasing_root(
+    fn: Callable[[Array, PyTree], Array], args: PyTree, lower: Array, upper: Array
+) -> tuple[Float[Array, "..."], Bool[Array, "..."]]:
+    """The root u in [lower, upper] of an increasing elementwise function fn(u, args), and whether it converged.
+
+    Its derivative in `args` is the implicit function theorem's, at the root, of any order; `fn` must be hashable.
+    """
+    # Newton's error after a step of size h is about h^2 C, with C = (change of slope)/(2 slope) of order one here.
+    rtol = 0.5 * float(jnp.finfo(lower.dtype).eps) ** 0.5
+    solution = optx.root_find(
+        fn,
+        BracketedNewton(rtol=rtol, atol=0.0),
+        jnp.clip(jnp.zeros_like(lower), lower, upper),
+        args=args,
+        options={"lower": lower, "upper": upper},
+        max_steps=192,  # bisection alone needs 60; at worst every third step is one
+        throw=False,
+    )
+    return solution.value, solution.stats["converged"]
+
+
+@increasing_root.defjvp
+def _increasing_root_jvp(fn, primals, tangents):
+    args, lower, upper = primals
+    root, converged = increasing_root(fn, args, lower, upper)
+    _, change = jax.jvp(lambda a: fn(root, a), (args,), (tangents[0],))
+    _, slope = jax.jvp(lambda u: fn(u, args), (root,), (jnp.ones_like(root),))
+    return (root, converged), (-change / slope, np.zeros(converged.shape, jax.dtypes.float0))

@@ -1,0 +1,148 @@
+"""The optimal warp: frustum and light in, eta with its certificate out."""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+from numpy.typing import ArrayLike
+
+from .._numerics import power
+from ..receivers.whole_frustum import moments
+from ..theory.error_norm import ErrorNorm, Metric
+from ..theory.frustum import ViewFrustum
+from ..theory.light_space import LightSpace, checked_theta
+from ..theory.warp import Warp
+from .outcome import Outcome, failed
+from .power_mean import minimise_power_mean
+from .quadrature import QuadratureMean, has_moments
+from .supremum import minimise_supremum, scale_of_errors, supremum_norm
+
+
+class Solution(eqx.Module):
+    """An optimal warp and what is known about it.
+
+    Attributes:
+        warp: the optimal `Warp` (eta, lam, mu).
+        value: the minimal norm.
+        result: array of `Outcome`, the mechanism that fixed the optimum or the reason for failure.
+        residual: |log P+ - log P-| of the stationarity condition at eta, or the relative gap of the tie; 0 for a kink
+            or no warp. log(eta) is within the residual of the global optimum, because the condition's slope in
+            log(eta) is at least 1 and the objective is pseudo-convex.
+    """
+
+    warp: Warp
+    value: Float[Array, "..."]
+    result: Int[Array, "..."]
+    residual: Float[Array, "..."]
+
+
+def optimal_warp(
+    frustum: ViewFrustum,
+    theta: ArrayLike,
+    metric: str | Metric = "p",
+    norm: str | float = "inf",
+    measure: str = "screen",
+    *,
+    method: str = "auto",
+    throw: bool = True,
+) -> Solution:
+    """The warp that minimises the norm of an aliasing error over the view frustum; the global minimum.
+
+    Args:
+        frustum: the view frustum, of any shape that broadcasts with theta.
+        theta: angle between light and view direction, radians in [0, pi]; mirror-symmetric about pi/2.
+        metric: "p", "q", "pxq" or `Metric(alpha, beta)`.
+        norm: "inf", "l1", "l2" or any real order >= 1 (a power mean over the measure).
+        measure: "volume", "screen", "log_depth", "ground" or "axis".
+        method: "auto" solves in closed form what has one; "iterative" forces the root finder everywhere.
+        throw: raise if any problem failed; otherwise `Solution.result` tells.
+
+    Raises:
+        ValueError: bad arguments, or a norm whose optimum could not be certified.
+        RuntimeError: a failed solve, with `throw` (`equinox.EquinoxRuntimeError` when traced).
+
+    Derivatives (jvp, grad) of eta, lam and value in near, far, half_fov and theta are implicit: of the root, the tie or
+    the kink that fixed eta; zero where it is clamped to no warp.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(near=1.0, far=100.0, half_fov=0.5236)
+        >>> solution = warpopt.optimal_warp(frustum, 1.5707963, metric="p", norm="inf")
+        >>> round(float(solution.warp.lam), 3)   # n + sqrt(f n), LiSPSM's
+        11.0
+    """
+    if method not in ("auto", "iterative"):
+        raise ValueError(f"method: got {method!r}, expected 'auto' or 'iterative'")
+    error_norm = ErrorNorm.of(metric, norm, measure)
+    solution = _solve(frustum, checked_theta(theta, frustum), error_norm, method == "iterative")
+    return _raised(solution) if throw else solution
+
+
+def error_norm(
+    frustum: ViewFrustum,
+    theta: ArrayLike,
+    warp: Warp,
+    metric: str | Metric = "p",
+    norm: str | float = "inf",
+    measure: str = "screen",
+) -> Float[Array, "..."]:
+    """The norm of an aliasing error over the view frustum, for any warp. Arguments and errors as `optimal_warp`.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(near=1.0, far=100.0, half_fov=0.5236)
+        >>> unwarped = error_norm(frustum, 1.5707963, warpopt.rules.ssm(frustum, 1.5707963))
+        >>> best = warpopt.optimal_warp(frustum, 1.5707963).value
+        >>> round(float(unwarped / best), 2)
+        10.0
+    """
+    return _norm_of(frustum, checked_theta(theta, frustum), warp.eta, ErrorNorm.of(metric, norm, measure))
+
+
+def _mean(space: LightSpace, norm: ErrorNorm):
+    return moments(space, norm) if has_moments(norm) else QuadratureMean(space, norm)
+
+
+def _norm(space: LightSpace, mean, eta: Array, norm: ErrorNorm) -> Array:
+    if norm.supremum:
+        return supremum_norm(space, eta, norm)
+    return mean.power_mean(eta, norm) * scale_of_errors(space, eta, norm) / power(eta, norm.metric.alpha)
+
+
+@functools.partial(jax.jit, static_argnames=("norm",))
+def _norm_of(frustum: ViewFrustum, theta: Array, eta: Array, norm: ErrorNorm) -> Array:
+    space = LightSpace(frustum, theta)
+    return _norm(space, None if norm.supremum else _mean(space, norm), eta, norm)
+
+
+@functools.partial(jax.jit, static_argnames=("norm", "iterative"))
+def _solve(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool) -> Solution:
+    space = LightSpace(frustum, theta)
+    mean = None
+    if norm.supremum:
+        optimum = minimise_supremum(space, norm, iterative)
+    else:
+        mean = _mean(space, norm)
+        if has_moments(norm):
+            optimum = minimise_power_mean(space, mean, norm, iterative)
+        else:
+            optimum = mean.minimise()
+    value = _norm(space, mean, optimum.eta, norm)
+    finite = jnp.isfinite(value) & jnp.isfinite(optimum.eta)
+    outcome = jnp.where(finite, optimum.outcome, Outcome.not_finite)
+    eta, one_minus_eta, mu = jnp.broadcast_arrays(optimum.eta, optimum.one_minus_eta, space.mu)
+    warp = Warp(eta, one_minus_eta, mu, jnp.ones(eta.shape, bool))
+    return Solution(warp, value, outcome, optimum.residual)
+
+
+def _raised(solution: Solution) -> Solution:
+    bad = failed(solution.result)
+    words = "optimal_warp failed; pass throw=False to get Solution.result, an array of warpopt.Outcome"
+    if isinstance(bad, jax.core.Tracer):
+        return eqx.error_if(solution, bad, words)
+    if bool(bad.any()):
+        first = Outcome(int(solution.result[bad].ravel()[0]))
+        raise RuntimeError(f"{int(bad.sum())} of {bad.size} problems failed, the first thus: {first.sentence} ({words})")
+    return solution

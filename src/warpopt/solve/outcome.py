@@ -1,0 +1,41 @@
+"""How a solve ended."""
+
+import enum
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+
+class Outcome(enum.IntEnum):
+    """The mechanism that fixed the optimum, or why there is none. Solutions hold arrays of these integers."""
+
+    stationary = 0
+    tie = 1
+    kink = 2
+    no_warp = 3
+    not_converged = 4
+    inaccurate = 5
+    not_finite = 6
+
+    @property
+    def sentence(self) -> str:
+        return _SENTENCES[self]
+
+    @property
+    def succeeded(self) -> bool:
+        return self <= Outcome.no_warp
+
+
+_SENTENCES = {
+    Outcome.stationary: "The norm is stationary at the optimum.",
+    Outcome.tie: "The errors of the nearest and of the farthest receivers are equal at the optimum.",
+    Outcome.kink: "At the optimum the near and the far corners of the frustum span the shadow map together.",
+    Outcome.no_warp: "No warp (eta = 1) is optimal.",
+    Outcome.not_converged: "The root finder ran out of steps before its bracket closed.",
+    Outcome.inaccurate: "The quadrature's own error estimate exceeds its tolerance; the optimum is not certified.",
+    Outcome.not_finite: "The norm is not a finite number: far/near beyond 7.9e13, or NaN input.",
+}
+
+
+def failed(result: Int[Array, "..."]) -> Bool[Array, "..."]:
+    return jnp.asarray(result) > Outcome.no_warp

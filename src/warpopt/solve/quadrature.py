@@ -1,0 +1,152 @@
+"""L_P norms of any real order, by quadrature: for M = kP that is not an integer (or beyond the moments' reach).
+
+Over the height, the substitution A = A_0 e^(l v) turns A^M du into exponentials, entire however small eta is; over the
+depth, nodes in log z. Everything stays in logarithms, so that large orders neither overflow nor underflow. The error
+is estimated by the difference from a coarser rule; beyond tolerance the outcome says so.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..receivers.depth_integrals import log_depth_nodes
+from ..theory.error_norm import ErrorNorm
+from ..theory.light_space import Depth, LightSpace
+from .bracketed_newton import increasing_root
+from .outcome import Outcome
+from .supremum import Optimum, kink
+
+DEFAULT_NODES = 64
+_LARGEST_MOMENT_DEGREE = 16
+
+
+def has_moments(norm: ErrorNorm) -> bool:
+    """Whether the norm's M is an integer, and small enough for its binomials to cost no digits."""
+    return norm.blend_degree == round(norm.blend_degree) and norm.blend_degree <= _LARGEST_MOMENT_DEGREE
+
+
+class _Piece(NamedTuple):
+    """L = c eta + d."""
+
+    c: Float[Array, "..."]
+    d: Float[Array, "..."]
+
+
+class QuadratureMean(eqx.Module):
+    """The power mean of A z^(-r/k) over the whole frustum, and its minimisation, by tensor quadrature."""
+
+    space: LightSpace
+    norm: ErrorNorm = eqx.field(static=True)
+    nodes: int = eqx.field(static=True, default=DEFAULT_NODES)
+
+    def power_mean(self, eta: Float[Array, "..."], norm: ErrorNorm) -> Float[Array, "..."]:
+        """(integral of A^M (z/n)^-rP dm / integral of dm)^(1/P)."""
+        (log_total,) = _log_integrals(self, eta, norm.blend_degree, lambda delta, rest: (1.0,))
+        return jnp.exp((log_total - _log_mass(self)) / norm.order)
+
+    def minimise(self) -> Optimum:
+        """The global minimiser: signs at eta = 1 and at the kink first, then one bracketed root."""
+        norm, space = self.norm, self.space
+        zero = jnp.zeros_like(space.mu)
+        far = space.edge(0.0)[1]
+        low = _Piece(1 + zero, zero)
+        top = _Piece(far.one_minus_delta + zero, far.delta + zero) if norm.metric.beta else _Piece(zero, 1 + zero)
+        bend = kink(space) + zero if norm.metric.beta else zero
+        bent = bend > 0
+        log_bend = jnp.log(jnp.where(bent, bend, 1))
+        # The three signs in one evaluation, as a batch.
+        at_one, above, below = jax.vmap(lambda u, piece: _condition(u, (self, piece)))(
+            jnp.stack([zero, log_bend, log_bend]), jax.tree.map(lambda *a: jnp.stack(a), top, top, low)
+        )
+        # A rise within rounding of zero is a flat optimum: the largest eta is returned, no warp.
+        helps = at_one > 64 * jnp.finfo(zero.dtype).eps
+        under = bent & (above > 0)
+        at_kink = helps & under & (below <= 0)
+        searched = helps & ~at_kink
+        piece = _choose(under, low, top)
+        # On a piece through the origin, or a constant one, the slope in log(eta) is at least 1.
+        rise = jnp.where(under, below, at_one)
+        upper = jnp.where(searched & under, log_bend, 0)
+        lower = jnp.where(searched, jnp.where(bent & ~under, log_bend, upper - rise), 0)
+        u, converged = increasing_root(_condition, (self, piece), lower, upper)
+        u = jnp.where(searched, u, 0)
+        eta = jnp.where(at_kink, bend, jnp.exp(u))
+        outcome = jnp.where(searched, jnp.where(converged, Outcome.stationary, Outcome.not_converged), Outcome.no_warp)
+        outcome = jnp.where(at_kink, Outcome.kink, outcome)
+        condition = jnp.where(searched, _condition(u, (self, piece)), 0)
+        accurate = self._error_estimate(eta, u, piece, condition) < float(jnp.finfo(zero.dtype).eps) ** 0.65
+        outcome = jnp.where(accurate, outcome, Outcome.inaccurate)
+        return Optimum(eta, jnp.where(at_kink, 1 - eta, -jnp.expm1(u)), outcome, jnp.abs(condition))
+
+    def _error_estimate(self, eta: Array, u: Array, piece: _Piece, condition: Array) -> Array:
+        """Change of the norm (relative) and of the stationarity condition from a rule of two thirds of the nodes."""
+        coarse = QuadratureMean(self.space, self.norm, 2 * self.nodes // 3)
+        norms = self.power_mean(eta, self.norm) / coarse.power_mean(eta, self.norm) - 1
+        conditions = jnp.where(condition == 0, 0, condition - _condition(u, (coarse, piece)))
+        return jnp.maximum(jnp.abs(norms), jnp.abs(conditions))
+
+
+def _choose(first: Array, one: _Piece, other: _Piece) -> _Piece:
+    return _Piece(*(jnp.where(first, p, q) for p, q in zip(one, other, strict=True)))
+
+
+def _condition(u: Array, args: tuple[QuadratureMean, _Piece]) -> Array:
+    """log P+ - log P- of eta L dJ/d eta: increasing through its only zero.
+
+    P+ = (alpha c eta + r d) eta int A^(M-1) (1 - delta), P- = (r c eta + alpha d) int A^(M-1) delta.
+    """
+    mean, (c, d) = args
+    alpha, r = mean.norm.metric.alpha, mean.norm.metric.depth_power
+    eta, power = jnp.exp(u), mean.norm.blend_degree - 1
+    rest, delta = _log_integrals(mean, eta, power, lambda delta, rest: (rest, delta))
+    plus, minus = alpha * c * eta + r * d, r * c * eta + alpha * d
+    possible = plus > 0
+    ratio = jnp.log(jnp.where(possible, plus, 1) / jnp.where(possible, minus, 1))
+    return jnp.where(possible, u + ratio + rest - delta, -jnp.inf)
+
+
+def _log_integrals(mean: QuadratureMean, eta: Array, power: float, factors) -> list[Array]:
+    """log of the integrals of A^power F (z/n)^-Q du dz/(f - n), one for each F of factors(delta, 1 - delta)."""
+    space, norm, nodes = mean.space, mean.norm, mean.nodes
+    p, q, weight, log_z = log_depth_nodes(nodes, space.log_ratio, jnp)
+    eta = jnp.asarray(eta)[..., None]
+
+    def along(u: float) -> Depth:
+        near, far = space.edge(u)
+        return Depth(*(a[..., None] * q + b[..., None] * p for a, b in zip(near, far, strict=True)))
+
+    if norm.measure == "axis":
+        depth = along(0.5)
+        log_terms = power * jnp.log(depth.blend(eta)) + jnp.log(weight) + (1 - norm.depth_exponent) * log_z
+        return _log_sums(log_terms, factors(*depth), 1)
+    lower, upper = along(0.0), along(1.0)
+    blend = lower.blend(eta)
+    # A(u = 1)/A(u = 0) - 1 = (1 - eta) 2 z T / (mu A)
+    span = (1 - eta) * (2 * space.slope / space.mu_over_near)[..., None] * jnp.exp(log_z) / blend
+    growth = jnp.maximum(jnp.log1p(span), 1e-20)[..., None]  # expm1(g v)/expm1(g) is v to rounding there
+    points, heights = np.polynomial.legendre.leggauss(max(nodes // 2, 8))
+    v, w = (1 + points) / 2, (1 - points) / 2
+    u = jnp.expm1(growth * v) / jnp.expm1(growth)
+    u_rest = jnp.exp(growth * v) * jnp.expm1(growth * w) / jnp.expm1(growth)
+    ends = zip(lower, upper, strict=True)
+    delta, rest = (a[..., None] * u_rest + b[..., None] * u for a, b in ends)
+    jacobian = jnp.exp(growth * v) * growth / jnp.expm1(growth) * (heights / 2)
+    log_terms = power * (jnp.log(blend)[..., None] + growth * v)
+    log_terms = log_terms + (jnp.log(weight) + (1 - norm.depth_exponent) * log_z)[..., None]
+    return _log_sums(log_terms, [jacobian * f for f in factors(delta, rest)], 2)
+
+
+def _log_sums(log_terms: Array, factors, axes: int) -> list[Array]:
+    axes = tuple(range(-axes, 0))
+    largest = jax.lax.stop_gradient(log_terms.max(axes, keepdims=True))
+    terms = jnp.exp(log_terms - largest)
+    return [jnp.squeeze(largest, axes) + jnp.log((terms * f).sum(axes)) for f in factors]
+
+
+def _log_mass(mean: QuadratureMean) -> Array:
+    _, _, weight, log_z = log_depth_nodes(mean.nodes, mean.space.log_ratio, jnp)
+    return jnp.log((weight * jnp.exp((1 - mean.norm.volume_exponent) * log_z)).sum(-1))

@@ -1,0 +1,106 @@
+"""The positive root of a polynomial whose coefficients change sign once.
+
+The stationarity condition of every norm here is such a polynomial in eta: positive coefficients on the high powers,
+negative ones on the low. By Descartes it has one positive root. In u = log(eta), log P+ - log P- (its positive over
+its negative part) increases with slope at least the gap between the two parts' powers and at most the degree's span,
+so that one evaluation brackets the root, and Newton with the bracket as guard cannot fail.
+"""
+
+import dataclasses
+import functools
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._numerics import horner, power
+from .bracketed_newton import increasing_root
+
+# A polynomial, highest power first: static powers, one array of coefficients each.
+Polynomial = tuple[tuple[int, ...], tuple[Float[Array, "..."], ...]]
+
+
+def value_over_leading(polynomial: Polynomial, at: Float[Array, "..."]) -> tuple[Array, Array]:
+    """(value, sum of absolute terms) at a positive point, both divided by max(1, at)^degree so that neither overflows."""
+    powers, coefficients = polynomial
+    dense = _dense(powers, coefficients)
+    large = at > 1
+    small = jnp.where(large, 1 / jnp.where(large, at, 1), at)
+
+    def evaluate(terms):
+        return jnp.where(large, horner(terms[::-1], small), horner(terms, small))
+
+    return evaluate(dense), evaluate([jnp.abs(c) for c in dense])
+
+
+def _dense(powers, coefficients) -> list[Array]:
+    by_power = dict(zip(powers, coefficients, strict=True))
+    zero = jnp.zeros_like(coefficients[0])
+    return [by_power.get(p, zero) for p in range(powers[0], -1, -1)]
+
+
+def has_root(polynomial: Polynomial) -> Bool[Array, "..."]:
+    """Whether both signs occur."""
+    _, coefficients = polynomial
+    some_positive, some_negative = ([c > 0 for c in coefficients], [c < 0 for c in coefficients])
+    return functools.reduce(jnp.logical_or, some_positive) & functools.reduce(jnp.logical_or, some_negative)
+
+
+def on_lanes(lanes: Bool[Array, "..."], polynomial: Polynomial) -> Polynomial:
+    """The polynomial on the given lanes where it has a root; elsewhere x^top - x^bottom, whose root is 1.
+
+    The iteration starts at 1, so that the other lanes cost nothing and cannot fail.
+    """
+    powers, coefficients = polynomial
+    if len(powers) == 1:
+        return (1, 0), (jnp.ones_like(coefficients[0]), -jnp.ones_like(coefficients[0]))
+    lanes = lanes & has_root(polynomial)
+    stand_in = [1.0] + [0.0] * (len(powers) - 2) + [-1.0]
+    return powers, tuple(jnp.where(lanes, c, v) for c, v in zip(coefficients, stand_in, strict=True))
+
+
+def log_ratio(u: Float[Array, "..."], polynomial: Polynomial) -> Float[Array, "..."]:
+    """log P+(e^u) - log P-(e^u); both signs must occur."""
+    at = jnp.exp(u)
+    dense = _dense(*polynomial)
+    positive = horner([jnp.maximum(c, 0) for c in dense], at)
+    negative = horner([jnp.maximum(-c, 0) for c in dense], at)
+    return jnp.log(positive / negative)
+
+
+def positive_root(polynomial: Polynomial, iterative: bool) -> tuple[Float[Array, "..."], Bool[Array, "..."]]:
+    """The positive root of a polynomial that has one (see `on_lanes`), and whether it was found.
+
+    Two terms, or three equally spaced ones, are solved in closed form unless `iterative`.
+    """
+    powers, coefficients = polynomial
+    coefficients = tuple(jnp.broadcast_arrays(*coefficients))
+    gaps = {p - q for p, q in zip(powers[:-1], powers[1:], strict=True)}
+    if len(gaps) == 1 and len(powers) <= 3 and not iterative:
+        root = power(_linear_or_quadratic(coefficients), 1 / gaps.pop())
+        return root, jnp.ones(root.shape, bool)
+    condition = _LogRatio(powers)
+    at_one = condition(jnp.zeros_like(coefficients[0]), coefficients)
+    # The slope of the log-ratio lies between the smallest gap that can separate its two parts and the whole span.
+    ends = -at_one / min(gaps), -at_one / (powers[0] - powers[-1])
+    u, converged = increasing_root(condition, coefficients, jnp.minimum(*ends), jnp.maximum(*ends))
+    return jnp.exp(u), converged
+
+
+@dataclasses.dataclass(frozen=True)
+class _LogRatio:
+    """`log_ratio` as a function of u and the coefficients, hashable by its powers."""
+
+    powers: tuple[int, ...]
+
+    def __call__(self, u: Array, coefficients: tuple[Array, ...]) -> Array:
+        return log_ratio(u, (self.powers, coefficients))
+
+
+def _linear_or_quadratic(coefficients: tuple[Array, ...]) -> Array:
+    if len(coefficients) == 2:
+        return -coefficients[1] / coefficients[0]
+    # The larger root of c2 x^2 + c1 x + c0 with c2 >= 0 >= c0, by whichever of the two forms adds.
+    c2, c1, c0 = coefficients
+    root = jnp.sqrt(c1 * c1 - 4 * c2 * c0)
+    falling = c1 <= 0
+    return jnp.where(falling, (root - c1) / jnp.where(falling, 2 * c2, 1), -2 * c0 / jnp.where(falling, 1, c1 + root))

@@ -1,0 +1,170 @@
+"""The exact minimiser of the L-inf norm.
+
+The maximum over the receivers is attained at one of two: the nearest (z = n) or the farthest (z = f) of the extreme
+edge. E_p^alpha E_q^beta there is A^k z^-r / (eta^alpha L^beta) with A linear in eta and L = 1/xhat of two linear
+pieces, so that eta's range has at most three segments with a quadratic each, and the optimum is a root, the tie of the
+two receivers, or the kink of L.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from .._numerics import power
+from ..receivers.whole_frustum import extreme_receivers
+from ..theory.aliasing import inverse_width
+from ..theory.error_norm import ErrorNorm
+from ..theory.light_space import Depth, LightSpace
+from .outcome import Outcome
+from .sign_change import has_root, log_ratio, on_lanes, positive_root
+
+
+class Optimum(NamedTuple):
+    """eta, 1 - eta, the `Outcome`, and the residual of the equation that fixed eta (see `Solution.residual`)."""
+
+    eta: Float[Array, "..."]
+    one_minus_eta: Float[Array, "..."]
+    outcome: Int[Array, "..."]
+    residual: Float[Array, "..."]
+
+
+def supremum_norm(space: LightSpace, eta: Float[Array, "..."], norm: ErrorNorm) -> Float[Array, "..."]:
+    """max of E_p^alpha E_q^beta over the receivers, for any eta in (0, 1]."""
+    alpha, beta = norm.metric.alpha, norm.metric.beta
+
+    def attained(depth: Depth) -> Array:
+        blend = depth.blend(eta)
+        return power(blend * (blend / eta), alpha) * power(blend, beta)
+
+    near, far = extreme_receivers(space, norm)
+    errors = jnp.maximum(attained(near), attained(far) / power(1 + space.depth_range, norm.metric.depth_power))
+    return errors * scale_of_errors(space, eta, norm)
+
+
+def scale_of_errors(space: LightSpace, eta: Float[Array, "..."], norm: ErrorNorm) -> Float[Array, "..."]:
+    """E_p^alpha E_q^beta over (A^2/eta)^alpha A^beta (n/z)^r: what depends on the light and the width alone."""
+    scale = power(space.mu_over_near / space.tan_phi, norm.metric.alpha)
+    if norm.metric.beta:
+        scale = scale * power(2 * (1 + space.depth_range) / inverse_width(space, eta), norm.metric.beta)
+    return scale
+
+
+def kink(space: LightSpace) -> Float[Array, "..."]:
+    """The eta (lambda = n a, the apex at the eye) below which the near corners span the map, above it the far ones.
+
+    0 where the far corners always do (theta <= phi).
+    """
+    return space.a_plus / ((1 + space.depth_range) * space.b)
+
+
+def minimise_supremum(space: LightSpace, norm: ErrorNorm, iterative: bool) -> Optimum:
+    """The global minimiser of `supremum_norm`, the largest where minima are flat."""
+    if norm.measure == "axis" or iterative:
+        return _by_segments(space, norm, iterative)
+    return _over_frustum(space, norm)
+
+
+def _over_frustum(space: LightSpace, norm: ErrorNorm) -> Optimum:
+    """Closed form over V, in Y = z_w at the lower near corner over mu: lambda = Y - g. Derived for this project.
+
+    Below the kink the optimum never lies, and the far corner never is stationary, so it is the larger of the tie and
+    the near corner's root.
+    """
+    # notation: g, h, m over mu; k, r, c0, c1, c2 of the quadratic in Y
+    alpha, beta = norm.metric.alpha, norm.metric.beta
+    k, r = norm.metric.blend_power, norm.metric.depth_power
+    x, s, T, mu = space.depth_range, space.sin_theta, space.slope, space.mu_over_near
+    (g, h), _ = space.edge(1.0)
+    widest = space.edge(0.0)[1].delta
+    m = widest - g
+    # h - g with the common terms taken out: x s + (x - 2) T, or 2 (x s - T) below theta = phi.
+    excess = jnp.where(space.a_plus > 0, x * s + (x - 2) * T, 2 * (x * s - T)) / mu
+    c2 = alpha * excess + beta * m
+    helps = c2 > 0
+    tie = h / jnp.expm1(r / k * space.log_ratio)
+    root = jnp.zeros_like(tie)
+    if alpha:
+        c2 = jnp.where(helps, c2, 1)
+        c1 = r * m * excess - 2 * alpha * g * h
+        c0 = -k * g * h * m
+        squares = m**2 * (r**2 * excess**2 + 4 * k * beta * g * h)
+        squares = squares + 4 * alpha**2 * g * h * (widest * excess + g**2)
+        spread = jnp.sqrt(jnp.where(helps, squares, 1))
+        falling = c1 <= 0
+        root = jnp.where(
+            falling, (spread - c1) / (2 * c2), -2 * c0 / jnp.where(falling | ~helps, 1, c1 + spread)
+        )
+    Y = jnp.maximum(tie, root)
+    eta = jnp.where(helps, (Y - g) / (Y + h), 1)
+    outcome = jnp.where(helps, jnp.where(root > tie, Outcome.stationary, Outcome.tie), Outcome.no_warp)
+    return _with_residual(space, norm, eta, jnp.where(helps, 1 / (Y + h), 0), outcome)
+
+
+def _by_segments(space: LightSpace, norm: ErrorNorm, iterative: bool) -> Optimum:
+    """Segment by segment from eta = 1 down, for any two receivers; each quadratic by formula or by iteration."""
+    near, far = extreme_receivers(space, norm)
+    growth = jnp.expm1(norm.metric.depth_power / norm.metric.blend_power * space.log_ratio)
+    height = 0.5 if norm.measure == "axis" else 1.0
+    # far.delta - near.delta without the common terms: a + 2 T u = s on the axis, b on the lower plane.
+    span = space.depth_range * (space.sin_theta if height == 0.5 else space.b) / space.mu_over_near
+    tie_top = jnp.maximum(span - growth * near.delta, 0)
+    tie_bottom = span + growth * near.one_minus_delta
+    tie = tie_top / tie_bottom
+    bend = kink(space) if norm.metric.beta else jnp.zeros_like(tie)
+    top, low = _pieces(space, norm)
+    upper, lower = jnp.maximum(tie, bend), jnp.minimum(tie, bend)
+    tie_first = tie >= bend
+
+    def root(depth: Depth, piece: Depth) -> tuple[Array, Array]:
+        return _segment_root(norm, depth, piece, iterative)
+
+    first, ok = root(near, top)
+    middle, ok_middle = root(_choose(tie_first, far, near), _choose(tie_first, top, low))
+    last, ok_last = root(far, low)
+    bottom = jnp.minimum(last, lower)
+    eta = jnp.where(first >= upper, first, jnp.where(middle >= lower, jnp.minimum(middle, upper), bottom))
+    on_corner = (eta == upper) | (eta == lower)
+    outcome = jnp.where(on_corner, jnp.where(eta == tie, Outcome.tie, Outcome.kink), Outcome.stationary)
+    outcome = jnp.where(eta >= 1, Outcome.no_warp, outcome)
+    outcome = jnp.where(ok & ok_middle & ok_last, outcome, Outcome.not_converged)
+    eta = jnp.minimum(eta, 1)
+    one_minus_eta = jnp.where(eta == tie, growth / tie_bottom, 1 - eta)
+    return _with_residual(space, norm, eta, one_minus_eta, outcome)
+
+
+def _pieces(space: LightSpace, norm: ErrorNorm) -> tuple[Depth, Depth]:
+    """L = one_minus_delta eta + delta on the pieces above and below the kink, each up to a factor."""
+    if not norm.metric.beta:
+        return Depth(1.0, 0.0), Depth(1.0, 0.0)
+    return space.edge(0.0)[1], Depth(0.0, 1.0)
+
+
+def _choose(first: Array, one: Depth, other: Depth) -> Depth:
+    return Depth(*(jnp.where(first, p, q) for p, q in zip(one, other, strict=True)))
+
+
+def _quadratic(norm: ErrorNorm, depth: Depth, piece: Depth):
+    """Stationarity of A^k / (eta^alpha L^beta) in eta, for one receiver and L = c eta + d."""
+    alpha, r = norm.metric.alpha, norm.metric.depth_power
+    (delta, rest), (d, c) = depth, piece
+    return (2, 1, 0), tuple(jnp.broadcast_arrays(alpha * c * rest, r * (d * rest - c * delta), -alpha * d * delta))
+
+
+def _segment_root(norm: ErrorNorm, depth: Depth, piece: Depth, iterative: bool) -> tuple[Array, Array]:
+    """Where the receiver's error turns from falling to rising in eta: 0 if it only rises, inf if it never does."""
+    polynomial = _quadratic(norm, depth, piece)
+    root, converged = positive_root(on_lanes(True, polynomial), iterative)
+    rises = (polynomial[1][0] > 0) | (polynomial[1][1] > 0)
+    return jnp.where(has_root(polynomial), root, jnp.where(rises, 0, jnp.inf)), converged
+
+
+def _with_residual(space: LightSpace, norm: ErrorNorm, eta: Array, one_minus_eta: Array, outcome: Array) -> Optimum:
+    near, far = extreme_receivers(space, norm)
+    ratio = norm.metric.depth_power / norm.metric.blend_power
+    gap = jnp.log(far.blend(eta) / near.blend(eta)) - ratio * space.log_ratio
+    piece = _choose(eta > kink(space), *_pieces(space, norm))
+    polynomial = _quadratic(norm, _choose(gap > 0, far, near), piece)
+    slope = log_ratio(jnp.log(eta), on_lanes(True, polynomial))
+    residual = jnp.where(outcome == Outcome.tie, jnp.abs(gap), jnp.where(outcome == Outcome.stationary, jnp.abs(slope), 0))
+    return Optimum(eta, one_minus_eta, outcome, residual)

@@ -1,0 +1,136 @@
+"""The aliasing errors of AT09 at points of the view frustum, and the shadow map's texture coordinates.
+
+Units: normalised device coordinates (the screen spans 2) per texture unit (the map spans 1); pixels per texel are
+E (screen pixels / 2) / (map texels).
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
+
+from .._numerics import power
+from .error_norm import Metric
+from .frustum import ViewFrustum
+from .light_space import Depth, LightSpace, checked_theta
+from .warp import Warp
+
+
+def inverse_width(space: LightSpace, eta: Float[Array, "..."]) -> Float[Array, "..."]:
+    """f tan(phi) / xhat, where xhat = max over V's corners of |x| / A is the half width that the map must span.
+
+    Only the two corners of the upper plane can attain it: at equal z the lower ones have the larger A. AT09's
+    tan(phi_w) is the upper far corner's, which leaves the near corners outside the map for lambda < n a.
+    """
+    near, far = space.edge(0.0)
+    return jnp.minimum((1 + space.depth_range) * near.blend(eta), far.blend(eta))
+
+
+def _error(space: LightSpace, warp: Warp, depth: Depth, z: Array, metric: Metric) -> Array:
+    blend = depth.blend(warp.eta)
+    error = jnp.ones_like(blend)
+    if metric.alpha:
+        error = error * power(space.mu / (z * space.tan_phi) * blend * (blend / warp.eta), metric.alpha)
+    if metric.beta:
+        error = error * power(2 * (space.far / z) * (blend / inverse_width(space, warp.eta)), metric.beta)
+    return error
+
+
+def aliasing_error(
+    frustum: ViewFrustum, theta: ArrayLike, warp: Warp, y: ArrayLike, z: ArrayLike, metric: str | Metric = "p"
+) -> Float[Array, "..."]:
+    """Perspective aliasing error at eye-space points (y, z): AT09 (13), (14), with the width of `inverse_width`.
+
+    E_p = mu A^2 / (z tan(phi) eta), E_q = 2 xhat A / (z tan(phi)), E_pxq = E_p E_q; none depends on x.
+
+    Args:
+        frustum, theta, warp: any shapes that broadcast; theta in radians, in [0, pi].
+        y, z: eye coordinates, broadcast too; z in [near, far], |y| <= z tan(phi) for points of V.
+        metric: "p", "q", "pxq" or a `Metric`.
+
+    Raises:
+        ValueError: theta outside [0, pi], or an unknown metric.
+
+    Example:
+        >>> import jax.numpy as jnp, warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, jnp.pi / 6)
+        >>> warp = warpopt.rules.lispsm(frustum, jnp.pi / 2)
+        >>> [round(float(aliasing_error(frustum, jnp.pi / 2, warp, 0.0, z)), 3) for z in (1.0, 100.0)]
+        [17.147, 17.147]
+    """
+    space = LightSpace(frustum, checked_theta(theta, frustum))
+    y, z = jnp.asarray(y, space.near.dtype), jnp.asarray(z, space.near.dtype)
+    return _error(space, warp, space.depth_yz(y, z), z, Metric.of(metric))
+
+
+def aliasing_error_uz(
+    frustum: ViewFrustum, theta: ArrayLike, warp: Warp, u: ArrayLike, z: ArrayLike, metric: str | Metric = "p"
+) -> Float[Array, "..."]:
+    """`aliasing_error` at height fraction u in [0, 1] (0: the side plane next to the warp's near plane) and depth z.
+
+    The well-conditioned form: accurate to a few units in the last place everywhere, on the side planes too.
+    """
+    space = LightSpace(frustum, checked_theta(theta, frustum))
+    u, z = jnp.asarray(u, space.near.dtype), jnp.asarray(z, space.near.dtype)
+    return _error(space, warp, space.depth_uz(u, z), z, Metric.of(metric))
+
+
+def local_aliasing_error(
+    frustum: ViewFrustum, warp: Warp, z: ArrayLike, metric: str | Metric = "p"
+) -> Float[Array, "..."]:
+    """The local form, AT09 (8), (9): the view axis under a light at theta = pi/2, mu = f - n.
+
+    Written in eta instead of lambda, so that no warp is a value like any other. AT09 (8) is marked approximate there;
+    it is exact on the axis.
+    """
+    n, f = frustum.near, frustum.far
+    z = jnp.asarray(z, n.dtype)
+    blend = Depth((z - n) / (f - n), (f - z) / (f - n)).blend(warp.eta)
+    metric = Metric.of(metric)
+    e_p = (f - n) / (z * jnp.tan(frustum.half_fov)) * blend * (blend / warp.eta)
+    return power(e_p, metric.alpha) * power(2 * f / z * blend, metric.beta)
+
+
+def texture_coordinates(
+    frustum: ViewFrustum, theta: ArrayLike, warp: Warp, x: ArrayLike, y: ArrayLike, z: ArrayLike
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Shadow-map coordinates (t, s) in [0, 1]^2 of eye-space points: AT09 (12) with the width that contains V.
+
+    s = delta / A is a Moebius map of [0, 1]; t = 1/2 + x / (2 xhat A).
+    """
+    space = LightSpace(frustum, checked_theta(theta, frustum))
+    x, y, z = (jnp.asarray(v, space.near.dtype) for v in (x, y, z))
+    depth = space.depth_yz(y, z)
+    blend = depth.blend(warp.eta)
+    half_width = space.far * space.tan_phi / inverse_width(space, warp.eta)
+    return 0.5 + x / (2 * half_width * blend), depth.delta / blend
+
+
+def screen_coordinates(
+    frustum: ViewFrustum, x: ArrayLike, y: ArrayLike, z: ArrayLike
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Normalised device coordinates (q, p) in [-1, 1]^2 of eye-space points: AT09 section 1.2."""
+    scale = jnp.asarray(z, frustum.near.dtype) * jnp.tan(frustum.half_fov)
+    return x / scale, y / scale
+
+
+def projection_factors(
+    frustum: ViewFrustum,
+    theta: ArrayLike,
+    warp: Warp,
+    x: ArrayLike,
+    y: ArrayLike,
+    z: ArrayLike,
+    kx: ArrayLike,
+    ky: ArrayLike,
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Projection aliasing (E_q^proj, E_p^proj) along the line x = kx z - bx, y = ky z - by: AT09 (10), (11).
+
+    The full errors |dq/dt|, |dp/ds| along the line are these times `aliasing_error`. Infinite where the line is
+    parallel to the light.
+    """
+    theta = checked_theta(theta, frustum)
+    space = LightSpace(frustum, theta)
+    x, y, z = (jnp.asarray(v, space.near.dtype) for v in (x, y, z))
+    rate = jnp.sin(theta) - ky * jnp.cos(theta)  # d z_w / d z along the line
+    x_over_z_w = x * warp.one_minus_eta / (space.mu * space.depth_yz(y, z).blend(warp.eta))
+    return jnp.abs((kx - x / z) / (kx - x_over_z_w * rate)), jnp.abs((ky - y / z) / rate)

@@ -1,0 +1,137 @@
+"""The view frustum as the light sees it: AT09 section 2.4, in sums of positive terms only.
+
+Written naively, mu loses up to 12 digits and delta all of them (theta near phi, light along the view). Here every
+length is a sum of non-negative terms, in units of the near distance, so nothing cancels and nothing overflows.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+from numpy.typing import ArrayLike
+
+from .._checks import checked
+from .frustum import ViewFrustum
+
+
+class Depth(NamedTuple):
+    """A normalised depth along the warping axis Z_w, carried with its complement so that neither is a difference."""
+
+    delta: Float[Array, "..."]
+    one_minus_delta: Float[Array, "..."]
+
+    def blend(self, eta: Float[Array, "..."]) -> Float[Array, "..."]:
+        """A = (1 - delta) eta + delta: z_w up to the factor mu / (1 - eta); 1 everywhere for no warp."""
+        return self.one_minus_delta * eta + self.delta
+
+
+def checked_theta(theta: ArrayLike, frustum: ViewFrustum) -> Float[Array, "..."]:
+    """theta as an array of the frustum's dtype.
+
+    Raises:
+        ValueError: outside [0, pi], or NaN.
+    """
+    theta = jnp.asarray(theta, jnp.result_type(frustum.near, theta))
+    # The dtype's own pi: float32(pi) > pi, and it is what a user of float32 can write.
+    top = np.asarray(np.pi, theta.dtype)
+    return checked("theta", theta, lambda v: (v >= 0) & (v <= top), "radians in [0, pi]")
+
+
+class LightSpace(eqx.Module):
+    """One view frustum under one directional light in the YZ plane, at angle theta to the view direction.
+
+    Light-space depth is d = z sin(theta) - y cos(theta) - d0, in [0, mu] over the frustum (AT09 appendix; VN (13), both
+    branches). Points are named by (u, z): u = 0 on the side plane of least d ("upper" in AT09's figures), 1 on the
+    other. The fields are lengths over `near`, notation of the derivation: a = sin(theta) - tan(phi) cos(theta) and
+    b = sin(theta) + tan(phi) cos(theta) are the light-space slopes of the two side planes.
+
+    At theta = phi (a = 0) the slopes of mu and d0 kink. There the derivative is that of the branch on the left in theta.
+    """
+
+    near: Float[Array, "..."]
+    far: Float[Array, "..."]
+    tan_phi: Float[Array, "..."]
+    depth_range: Float[Array, "..."]  # (far - near) / near
+    sin_theta: Float[Array, "..."]
+    mirrored: Bool[Array, "..."]  # theta > pi/2: the scene upside down
+    slope: Float[Array, "..."]  # T = tan(phi) |cos(theta)|
+    a_plus: Float[Array, "..."]
+    a_minus: Float[Array, "..."]
+    b: Float[Array, "..."]
+
+    def __init__(self, frustum: ViewFrustum, theta: Float[Array, "..."]):
+        # notation: n, f, phi, s, c, T, a as in AT09 and the derivation
+        n, f, phi = frustum.near, frustum.far, frustum.half_fov
+        s, cos = jnp.sin(theta), jnp.cos(theta)
+        mirrored = cos < 0
+        c = jnp.where(mirrored, -cos, cos)
+        T = jnp.tan(phi) * c
+        # a = s - T cancels near theta = phi; sin(theta - phi)/cos(phi) does not. Beyond pi/2 the fold pi - theta would
+        # lose digits, so it is sin(theta + phi), with the rounding of the sum put back.
+        angle = jnp.where(mirrored, theta + phi, theta - phi)
+        rounding = jnp.where(mirrored, _rounding_of_sum(theta, phi), 0)
+        close = (jnp.sin(angle) + rounding * jnp.cos(angle)) / jnp.cos(phi)
+        a = jnp.where((T < s / 2) | (T > 2 * s), s - T, close)
+        above = (a > 0) | (mirrored & (a == 0))
+        self.near, self.far, self.tan_phi = n, f, jnp.tan(phi)
+        self.depth_range = (f - n) / n
+        self.sin_theta, self.mirrored, self.slope = s, mirrored, T
+        self.a_plus = jnp.where(above, a, 0)
+        self.a_minus = jnp.where(above, 0, -a)
+        self.b = s + T
+
+    @property
+    def log_ratio(self) -> Float[Array, "..."]:
+        """log(far / near), accurate for thin frusta."""
+        return jnp.log1p(self.depth_range)
+
+    @property
+    def mu_over_near(self) -> Float[Array, "..."]:
+        return self.depth_range * self.a_plus + 2 * (1 + self.depth_range) * self.slope
+
+    @property
+    def mu(self) -> Float[Array, "..."]:
+        """Depth range of the warping frustum, VN (13)."""
+        return self.near * self.mu_over_near
+
+    @property
+    def minimum_depth(self) -> Float[Array, "..."]:
+        """d0 = min over V of z sin(theta) - y cos(theta): n a for theta >= phi, f a below."""
+        return self.near * self.a_plus - self.far * self.a_minus
+
+    def edge(self, u: ArrayLike) -> tuple[Depth, Depth]:
+        """Depths (near end, far end) of the segment of V at height fraction u; delta is linear between them."""
+        x, T = self.depth_range, self.slope
+        mu = self.mu_over_near
+        near = Depth((x * self.a_minus + 2 * T * u) / mu, (x * self.b + 2 * T * (1 - u)) / mu)
+        far_span = 2 * (1 + x) * T
+        far = Depth((x * self.a_plus + far_span * u) / mu, far_span * (1 - u) / mu)
+        return near, far
+
+    def depth_uz(self, u: Float[Array, "..."], z: Float[Array, "..."]) -> Depth:
+        """Depth of the points at height fraction u in [0, 1] and eye depth z."""
+        return self._depth(z, z * u * self.slope * 2, z * (1 - u) * self.slope * 2)
+
+    def depth_yz(self, y: Float[Array, "..."], z: Float[Array, "..."]) -> Depth:
+        """Depth of the points at eye coordinates (y, z).
+
+        On the upper plane y = z tan(phi) is itself a cancellation: A's relative error there is up to eps / eta,
+        whatever the formula. `depth_uz` has no such weakness.
+        """
+        half = z * self.slope
+        offset = y * jnp.where(self.mirrored, -1, 1) * (self.slope / self.tan_phi)
+        return self._depth(z, half - offset, half + offset)
+
+    def _depth(self, z: Array, above: Array, below: Array) -> Depth:
+        mu = self.mu
+        delta = ((z - self.near) * self.a_plus + (self.far - z) * self.a_minus + above) / mu
+        return Depth(delta, ((self.far - z) * self.b + below) / mu)
+
+
+def _rounding_of_sum(p: Array, q: Array) -> Array:
+    """p + q - fl(p + q), exactly (Knuth's two-sum)."""
+    total = p + q
+    q_part = total - p
+    return (p - (total - q_part)) + (q - q_part)
