@@ -1,5 +1,6 @@
 """Small numerical tools that JAX lacks."""
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -19,3 +20,22 @@ def horner(coefficients: "list[Array] | tuple[Array, ...]", at: Float[Array, "..
     for coefficient in coefficients[1:]:
         total = total * at + coefficient
     return total
+
+
+def staged(function, *args):
+    """function(*args), computed once: XLA's CPU backend must not repeat it inside each of its consumers.
+
+    That backend fuses producers into every consumer, trigonometry and table look-ups included, and drops optimisation
+    barriers before it does (a million E_p L2 solves: 780 ms without stages, 285 ms with). It does not fuse across a
+    conditional, so the stage is one, on a condition that always holds but that the compiler cannot know.
+    """
+    first = jax.tree.leaves(args)[0]
+    if first.size == 0:
+        return function(*args)
+
+    def conditional(*args):
+        never = jax.tree.leaves(args)[0].ravel()[0] < 0  # every stage's first array is non-negative, or NaN
+        shapes = jax.eval_shape(function, *args)
+        return jax.lax.cond(never, lambda *_: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes), function, *args)
+
+    return jax.lax.platform_dependent(*args, cpu=conditional, default=function)

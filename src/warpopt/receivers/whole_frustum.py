@@ -1,5 +1,6 @@
 """The whole view frustum as receivers: its extreme points for L-inf, its moments for L_P."""
 
+import functools
 import math
 
 import equinox as eqx
@@ -8,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._numerics import horner, power
+from .._numerics import horner, power, staged
 from ..theory.error_norm import ErrorNorm
 from ..theory.light_space import Depth, LightSpace
 from .depth_integrals import depth_integrals
@@ -70,24 +71,23 @@ def moments(space: LightSpace, norm: ErrorNorm) -> Moments:
     rise = [min(i + 1, Q) - min(1, Q) for i in range(M + 1)]
     centre = math.floor(max(i - m for i, m in enumerate(rise)) / 2)
     ratio = 1 / ((1 + x) * sigma)
-    space, sigma = jax.lax.optimization_barrier((space, sigma))
     integrals = [
         value * power(ratio, m) * power(sigma, centre - (i - m))
-        for i, (m, value) in enumerate(zip(rise, depth_integrals(M, Q, L), strict=True))
+        for i, (m, value) in enumerate(zip(rise, staged(functools.partial(depth_integrals, M, Q), L), strict=True))
     ]
-    integrals, space, sigma = jax.lax.optimization_barrier((integrals, space, sigma))
     if norm.measure == "axis":
         heights, weights = np.array([0.5]), np.array([1.0])
     else:
         nodes, weights = np.polynomial.legendre.leggauss(M // 2 + 1)
         heights, weights = (1 + nodes) / 2, weights / 2
-    raw = [jnp.zeros(())] * (M + 1)
-    for u, weight in zip(heights.tolist(), weights.tolist(), strict=True):
-        near, far = space.edge(u)
-        polar = _polar_forms(
-            integrals, (near.delta / sigma, far.delta), (near.one_minus_delta, far.one_minus_delta * sigma)
-        )
-        raw = [total + weight * math.comb(M, j) * value for j, (total, value) in enumerate(zip(raw, polar, strict=True))]
+    # The heights are a leading axis: one contraction for all.
+    batch = (-1,) + (1,) * jnp.ndim(sigma + x)
+    near, far = space.edge(heights.astype(x.dtype).reshape(batch))
+    polar = _polar_forms(
+        integrals, (near.delta / sigma, far.delta), (near.one_minus_delta, far.one_minus_delta * sigma)
+    )
+    weights = weights.astype(x.dtype).reshape(batch)
+    raw = [math.comb(M, j) * (weights * value).sum(0) for j, value in enumerate(polar)]
     return _balanced(raw, sigma, centre, space, norm)
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 from numpy.typing import ArrayLike
 
-from .._numerics import power
+from .._numerics import power, staged
 from ..receivers.whole_frustum import moments
 from ..theory.error_norm import ErrorNorm, Metric
 from ..theory.frustum import ViewFrustum
@@ -119,12 +119,12 @@ def _norm_of(frustum: ViewFrustum, theta: Array, eta: Array, norm: ErrorNorm) ->
 
 @functools.partial(jax.jit, static_argnames=("norm", "iterative"))
 def _solve(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool) -> Solution:
-    space = LightSpace(frustum, theta)
+    space = staged(LightSpace, frustum, theta)
     mean = None
     if norm.supremum:
         optimum = minimise_supremum(space, norm, iterative)
     else:
-        mean = _mean(space, norm)
+        mean = staged(lambda space: moments(space, norm), space) if has_moments(norm) else QuadratureMean(space, norm)
         if has_moments(norm):
             optimum = minimise_power_mean(space, mean, norm, iterative)
         else:
