@@ -30,12 +30,12 @@ def staged(function, *args):
     conditional, so the stage is one, on a condition that always holds but that the compiler cannot know.
     """
     first = jax.tree.leaves(args)[0]
-    if first.size == 0:
+    if first.size == 0 or jax.default_backend() != "cpu":
         return function(*args)
 
-    def conditional(*args):
-        never = jax.tree.leaves(args)[0].ravel()[0] < 0  # every stage's first array is non-negative, or NaN
-        shapes = jax.eval_shape(function, *args)
-        return jax.lax.cond(never, lambda *_: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes), function, *args)
-
-    return jax.lax.platform_dependent(*args, cpu=conditional, default=function)
+    compiled_once = jax.jit(function)  # traced once for its shapes and its branch
+    shapes = jax.eval_shape(compiled_once, *args)
+    never = first.ravel()[0] < 0  # every stage's first array is non-negative, or NaN
+    return jax.lax.cond(
+        never, lambda *_: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes), compiled_once, *args
+    )

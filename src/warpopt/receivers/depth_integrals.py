@@ -68,6 +68,5 @@ def depth_integrals(degree: int, exponent: float, log_ratio: Float[Array, "..."]
     position = jnp.where(log_ratio < LARGEST_LOG_RATIO, log_ratio / _WIDTH, 0)
     panel = position.astype(jnp.int32)
     y = jnp.where(log_ratio < LARGEST_LOG_RATIO, 2 * (position - panel) - 1, jnp.nan)
-    return [
-        horner([jnp.asarray(c).at[panel].get(mode="promise_in_bounds") for c in powers[::-1]], y) for powers in table
-    ]
+    rows = [jnp.asarray(powers.T).at[panel].get(mode="promise_in_bounds") for powers in table]
+    return [horner([row[..., k] for k in range(_DEGREE, -1, -1)], y) for row in rows]

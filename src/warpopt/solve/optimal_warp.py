@@ -101,8 +101,14 @@ def error_norm(
     return _norm_of(frustum, checked_theta(theta, frustum), warp.eta, ErrorNorm.of(metric, norm, measure))
 
 
-def _mean(space: LightSpace, norm: ErrorNorm):
-    return moments(space, norm) if has_moments(norm) else QuadratureMean(space, norm)
+def _prepared(frustum: ViewFrustum, theta: Array, norm: ErrorNorm):
+    """The light space, and for L_P norms their few numbers."""
+    space = staged(LightSpace, frustum, theta)
+    if norm.supremum:
+        return space, None
+    if has_moments(norm):
+        return space, staged(functools.partial(moments, norm=norm), space)
+    return space, QuadratureMean(space, norm)
 
 
 def _norm(space: LightSpace, mean, eta: Array, norm: ErrorNorm) -> Array:
@@ -113,22 +119,19 @@ def _norm(space: LightSpace, mean, eta: Array, norm: ErrorNorm) -> Array:
 
 @functools.partial(jax.jit, static_argnames=("norm",))
 def _norm_of(frustum: ViewFrustum, theta: Array, eta: Array, norm: ErrorNorm) -> Array:
-    space = LightSpace(frustum, theta)
-    return _norm(space, None if norm.supremum else _mean(space, norm), eta, norm)
+    space, mean = _prepared(frustum, theta, norm)
+    return _norm(space, mean, eta, norm)
 
 
 @functools.partial(jax.jit, static_argnames=("norm", "iterative"))
 def _solve(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool) -> Solution:
-    space = staged(LightSpace, frustum, theta)
-    mean = None
+    space, mean = _prepared(frustum, theta, norm)
     if norm.supremum:
         optimum = minimise_supremum(space, norm, iterative)
+    elif has_moments(norm):
+        optimum = minimise_power_mean(space, mean, norm, iterative)
     else:
-        mean = staged(lambda space: moments(space, norm), space) if has_moments(norm) else QuadratureMean(space, norm)
-        if has_moments(norm):
-            optimum = minimise_power_mean(space, mean, norm, iterative)
-        else:
-            optimum = mean.minimise()
+        optimum = mean.minimise()
     value = _norm(space, mean, optimum.eta, norm)
     finite = jnp.isfinite(value) & jnp.isfinite(optimum.eta)
     outcome = jnp.where(finite, optimum.outcome, Outcome.not_finite)
