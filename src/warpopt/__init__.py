@@ -1,35 +1,58 @@
-"""warpopt: optimal perspective warps for shadow maps."""
+"""warpopt: optimal perspective warps for shadow maps.
 
-from . import rules
-from .solve.optimal_warp import Solution, error_norm, optimal_warp
-from .solve.outcome import Outcome
-from .theory.aliasing import (
-    aliasing_error,
-    aliasing_error_uz,
-    local_aliasing_error,
-    projection_factors,
-    screen_coordinates,
-    texture_coordinates,
-)
-from .theory.error_norm import Metric
-from .theory.frustum import ViewFrustum
-from .theory.light_space import LightSpace
-from .theory.warp import Warp
+The names are loaded on first use, so that the command line can answer and refuse without waiting for JAX.
+"""
 
-__all__ = [
-    "LightSpace",
-    "Metric",
-    "Outcome",
-    "Solution",
-    "ViewFrustum",
-    "Warp",
-    "aliasing_error",
-    "aliasing_error_uz",
-    "error_norm",
-    "local_aliasing_error",
-    "optimal_warp",
-    "projection_factors",
-    "rules",
-    "screen_coordinates",
-    "texture_coordinates",
-]
+import importlib
+from typing import TYPE_CHECKING
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "rules": "",
+    "Solution": "solve.optimal_warp",
+    "error_norm": "solve.optimal_warp",
+    "optimal_warp": "solve.optimal_warp",
+    "Outcome": "solve.outcome",
+    "aliasing_error": "theory.aliasing",
+    "aliasing_error_uz": "theory.aliasing",
+    "local_aliasing_error": "theory.aliasing",
+    "projection_factors": "theory.aliasing",
+    "screen_coordinates": "theory.aliasing",
+    "texture_coordinates": "theory.aliasing",
+    "Metric": "theory.error_norm",
+    "ViewFrustum": "theory.frustum",
+    "LightSpace": "theory.light_space",
+    "Warp": "theory.warp",
+}
+
+__all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
+
+if TYPE_CHECKING:
+    from . import rules
+    from .solve.optimal_warp import Solution, error_norm, optimal_warp
+    from .solve.outcome import Outcome
+    from .theory.aliasing import (
+        aliasing_error,
+        aliasing_error_uz,
+        local_aliasing_error,
+        projection_factors,
+        screen_coordinates,
+        texture_coordinates,
+    )
+    from .theory.error_norm import Metric
+    from .theory.frustum import ViewFrustum
+    from .theory.light_space import LightSpace
+    from .theory.warp import Warp
+
+
+def __getattr__(name: str):
+    if name not in _HOME:
+        raise AttributeError(f"module 'warpopt' has no attribute {name!r}")
+    if name == "rules":
+        return importlib.import_module(".rules", __name__)
+    return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

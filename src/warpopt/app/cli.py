@@ -1,0 +1,118 @@
+"""The command line. Nothing here imports JAX before the input is known to be good."""
+
+import dataclasses
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from .config import ConfigError, Problem, RunConfig, read_config, validated
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """Solve a configuration and write its table, figures and report.
+
+    Any key of the configuration can be overridden after it: --view.far 500 --light.theta_deg.count 31
+    --objective.metrics '["p"]' --output.directory DIR. `warpopt schema` lists the keys.
+    """
+
+    config: tyro.conf.Positional[Path]
+    """TOML file, for example configs/paper.toml."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _OneProblem:
+    near: float
+    """Distance of the near plane."""
+    far: float
+    """Distance of the far plane."""
+    half_fov_deg: float
+    """Half the field of view, in degrees."""
+    theta_deg: float
+    """Angle between light and view direction, in degrees, 0 to 180."""
+    metric: str = "p"
+    """p, q or pxq."""
+    norm: str = "inf"
+    """inf, l1, l2 or a real order >= 1."""
+    measure: str = "screen"
+    """volume, screen, log_depth, ground or axis."""
+    json: bool = False
+    """Print JSON."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Solve(_OneProblem):
+    """The optimal warp of one view and light direction."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Rules(_OneProblem):
+    """Every published rule's lambda, and its error as a multiple of the optimum's."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Schema:
+    """The configuration's JSON schema."""
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point. Exit code 2 with a few lines on bad input, 1 if a solve failed, 130 if interrupted."""
+    command, rest = tyro.cli(
+        Annotated[Run, tyro.conf.subcommand("run")]
+        | Annotated[Solve, tyro.conf.subcommand("solve")]
+        | Annotated[Rules, tyro.conf.subcommand("rules")]
+        | Annotated[Schema, tyro.conf.subcommand("schema")],
+        prog="warpopt",
+        description="Optimal perspective warps for shadow maps.",
+        args=arguments,
+        return_unknown_args=True,
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+    )
+    try:
+        if rest and not isinstance(command, Run):
+            raise ConfigError(f"unknown argument(s): {' '.join(rest)}")
+        _dispatch(command, rest)
+    except ConfigError as error:
+        print(f"warpopt: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        print("warpopt: interrupted; nothing was written", file=sys.stderr)
+        raise SystemExit(130) from None
+
+
+def _dispatch(command: Run | Solve | Rules | Schema, rest: list[str]) -> None:
+    if isinstance(command, Schema):
+        import json
+
+        print(json.dumps(RunConfig.model_json_schema(), indent=2))
+    elif isinstance(command, Run):
+        config = read_config(command.config, rest)
+        from .writing import check_replaceable
+
+        check_replaceable(config.output.directory)
+        _prepare_jax()
+        from .run import run
+
+        raise SystemExit(run(config))
+    else:
+        fields = dataclasses.asdict(command)
+        as_json = fields.pop("json")
+        problem = validated(Problem, fields, "command line")
+        _prepare_jax()
+        from . import single
+
+        raise SystemExit((single.solve if isinstance(command, Solve) else single.rules)(problem, as_json))
+
+
+def _prepare_jax() -> None:
+    """Double precision, on the user's own settings where there are any."""
+    os.environ.setdefault("JAX_ENABLE_X64", "1")
+    # Tables are small: compiling is most of the time, and code of level 0 halves it.
+    os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+
+
+if __name__ == "__main__":
+    main()

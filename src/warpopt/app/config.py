@@ -1,0 +1,203 @@
+"""The run configuration: what a TOML file and the command line may say. Knows nothing of JAX."""
+
+import copy
+import math
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pydantic
+from pydantic import Field
+
+
+class ConfigError(Exception):
+    """Bad input, in words for its author: every flaw, one a line."""
+
+
+class _Section(pydantic.BaseModel):
+    model_config = pydantic.ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+Positive = Annotated[float, Field(gt=0)]
+HalfFovDeg = Annotated[float, Field(gt=0, lt=90)]
+ThetaDeg = Annotated[float, Field(ge=0, le=180)]
+Measure = Literal["volume", "screen", "log_depth", "ground", "axis"]
+Metric = Literal["p", "q", "pxq"]
+
+
+def _norm(value: Any) -> Any:
+    """Orders may come as numbers or, from the command line, as their text."""
+    if isinstance(value, str) and value not in ("inf", "l1", "l2"):
+        try:
+            value = float(value)
+        except ValueError:
+            raise ValueError("expected 'inf', 'l1', 'l2' or a real order >= 1") from None
+    if isinstance(value, bool) or (not isinstance(value, str) and not 1 <= value):
+        raise ValueError("expected 'inf', 'l1', 'l2' or a real order >= 1")
+    return "inf" if value == math.inf else value
+
+
+Norm = Annotated[Literal["inf", "l1", "l2"] | float, pydantic.BeforeValidator(_norm)]
+
+
+class ThetaRange(_Section):
+    """Evenly spaced directions."""
+
+    start: ThetaDeg = 0.0
+    stop: ThetaDeg = 90.0
+    count: Annotated[int, Field(ge=1, le=10_000_000)] = 91
+
+    def values(self) -> np.ndarray:
+        return np.linspace(self.start, self.stop, self.count)
+
+
+def _listed(value: Any) -> Any:
+    return value if isinstance(value, list | tuple) else [value]
+
+
+def _beyond(far: list[float], info: pydantic.ValidationInfo) -> list[float]:
+    near = info.data.get("near")
+    if near is not None and not all(value > near for value in far):
+        raise ValueError(f"expected more than near = {near}")
+    return far
+
+
+class ViewConfig(_Section):
+    """View frusta: every combination of the listed values."""
+
+    near: Positive = 1.0
+    far: Annotated[list[Positive], pydantic.BeforeValidator(_listed), Field(min_length=1)]
+    half_fov_deg: Annotated[list[HalfFovDeg], pydantic.BeforeValidator(_listed), Field(min_length=1)]
+
+    @pydantic.field_validator("far")
+    @classmethod
+    def _beyond_near(cls, far: list[float], info: pydantic.ValidationInfo) -> list[float]:
+        return _beyond(far, info)
+
+
+class LightConfig(_Section):
+    """Angles between light and view direction."""
+
+    theta_deg: ThetaRange | Annotated[list[ThetaDeg], Field(min_length=1)]
+
+    @pydantic.field_validator("theta_deg", mode="wrap")
+    @classmethod
+    def _range_or_list(cls, value: Any, handler: Any) -> Any:
+        # Chosen by shape, so that a flaw is reported once and for what was meant.
+        if isinstance(value, dict):
+            return ThetaRange.model_validate(value)
+        return handler(_listed(value))
+
+    def values(self) -> np.ndarray:
+        return self.theta_deg.values() if isinstance(self.theta_deg, ThetaRange) else np.array(self.theta_deg)
+
+
+class ObjectiveConfig(_Section):
+    """What is minimised: every metric in every norm, over one measure."""
+
+    metrics: Annotated[list[Metric], pydantic.BeforeValidator(_listed), Field(min_length=1)] = ["p"]
+    norms: Annotated[list[Norm], pydantic.BeforeValidator(_listed), Field(min_length=1)] = ["inf"]
+    measure: Measure = "screen"
+
+
+class OutputConfig(_Section):
+    """Where the results go."""
+
+    directory: Path
+    figures: bool = True
+
+
+class RunConfig(_Section):
+    """One run of the main job: `warpopt run`."""
+
+    view: ViewConfig
+    light: LightConfig
+    objective: ObjectiveConfig = ObjectiveConfig()
+    output: OutputConfig
+
+
+class Problem(_Section):
+    """One view, one light direction, one objective: `warpopt solve` and `warpopt rules`."""
+
+    near: Positive
+    far: Positive
+    half_fov_deg: HalfFovDeg
+    theta_deg: ThetaDeg
+    metric: Metric = "p"
+    norm: Norm = "inf"
+    measure: Measure = "screen"
+
+    @pydantic.field_validator("far")
+    @classmethod
+    def _beyond_near(cls, far: float, info: pydantic.ValidationInfo) -> float:
+        return _beyond([far], info)[0]
+
+
+def validated(model: type[pydantic.BaseModel], data: dict[str, Any], source: str) -> Any:
+    """The model of the data.
+
+    Raises:
+        ConfigError: naming the source and, with its dotted path, each flaw: what was got, what was expected.
+    """
+    try:
+        return model.model_validate(data)
+    except pydantic.ValidationError as error:
+        lines = [_flaw(flaw) for flaw in error.errors()]
+        raise ConfigError("\n".join([f"{source}: {len(lines)} flaw(s)", *lines])) from None
+
+
+def _flaw(flaw: Any) -> str:
+    path = ".".join(str(part) for part in flaw["loc"] if not str(part).startswith(("function-", "constrained-", "list[")))
+    message = flaw["msg"].removeprefix("Value error, ")
+    if flaw["type"] == "extra_forbidden":
+        return f"  {path}: unknown key"
+    if flaw["type"] == "missing":
+        return f"  {path}: missing"
+    got = flaw["input"]
+    return f"  {path}: got {got!r}; {message}" if path else f"  {message}"
+
+
+def read_config(path: Path, overrides: list[str]) -> RunConfig:
+    """The configuration of a TOML file with `--section.key value` pairs laid over it.
+
+    Raises:
+        ConfigError: a file that is missing or not TOML, a malformed override, or any flaw of the whole.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not a TOML file: {error}") from None
+    return validated(RunConfig, _overridden(data, overrides), str(path))
+
+
+def _overridden(data: dict[str, Any], overrides: list[str]) -> dict[str, Any]:
+    data = copy.deepcopy(data)
+    words = list(overrides)
+    while words:
+        word = words.pop(0)
+        if not word.startswith("--"):
+            raise ConfigError(f"{word}: got a stray word, expected --section.key value")
+        name, given, text = word[2:].partition("=")
+        if not given:
+            if not words:
+                raise ConfigError(f"{word}: got no value, expected --section.key value")
+            text = words.pop(0)
+        *sections, key = name.replace("-", "_").split(".")
+        target = data
+        for section in sections:
+            if not isinstance(target.get(section, {}), dict):
+                target[section] = {}
+            target = target.setdefault(section, {})
+        target[key] = _toml_value(text)
+    return data
+
+
+def _toml_value(text: str) -> Any:
+    """A TOML value if the text is one (500, true, [1, 2]), else the text itself."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text

@@ -1,0 +1,121 @@
+"""`report.md`: what a run found, in words, beside its figures."""
+
+import dataclasses
+
+import numpy as np
+
+import warpopt
+
+from .config import RunConfig
+from .sweep import RULES, OptimumCurves, RuleCurves, Sweep
+
+_TITLES = {
+    "ssm": "no warp (SSM)",
+    "psm": "PSM",
+    "lispsm": "LiSPSM",
+    "tsm": "TSM (kappa 0.5, xi 0.8)",
+    "tsm_alternative": "TSM's alternative",
+    "minimum_norm": "generalised minimum norm",
+    "scherzer": "Scherzer's LiSPSM",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """One objective over one view, summed up."""
+
+    depth_ratio: float
+    half_fov_deg: float
+    metric: str
+    norm: str
+    no_warp: str
+    worst: dict[str, tuple[float, float]]  # rule: (largest ratio where the rule is defined, theta_deg); NaN if nowhere
+    harmful: dict[str, str]  # rule: the directions where it is worse than no warp, as ranges
+    failures: int
+
+
+def ranges_of(theta_deg: np.ndarray, selected: np.ndarray) -> str:
+    """The selected directions in words: "0 to 10 deg, 80 deg"; empty if none."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], selected, [False]]).astype(int)))
+    words = []
+    for first, last in zip(edges[::2], edges[1::2] - 1, strict=True):
+        low, high = theta_deg[first], theta_deg[last]
+        words.append(f"{low:g} deg" if first == last else f"{low:g} to {high:g} deg")
+    return ", ".join(words)
+
+
+def findings(sweep: Sweep) -> list[Finding]:
+    """One for each view of the configuration and each objective."""
+    order = np.argsort(sweep.theta_deg, kind="stable")
+    return [_finding(sweep, i, optimum, order) for i in range(len(sweep.views)) for optimum in sweep.optima]
+
+
+def _finding(sweep: Sweep, i: int, optimum: OptimumCurves, order: np.ndarray) -> Finding:
+    theta = sweep.theta_deg[order]
+    view = sweep.views[i]
+    worst, harmful = {}, {}
+    unwarped = optimum.ratios["ssm"][i, order]
+    for name in RULES:
+        rule: RuleCurves = sweep.rules[name]
+        ratio = np.where(rule.defined[i, order], optimum.ratios[name][i, order], np.nan)
+        if np.isfinite(ratio).any():
+            at = int(np.nanargmax(ratio))
+            worst[name] = (float(ratio[at]), float(theta[at]))
+        else:
+            worst[name] = (float("nan"), float("nan"))
+        # beyond rounding
+        harmful[name] = ranges_of(theta, np.nan_to_num(ratio) > unwarped * (1 + 1e-9))
+    result = optimum.result[i, order]
+    return Finding(
+        view.far / view.near,
+        view.half_fov_deg,
+        optimum.metric,
+        optimum.norm,
+        ranges_of(theta, result == warpopt.Outcome.no_warp) or "none",
+        worst,
+        harmful,
+        int((result > warpopt.Outcome.no_warp).sum()),
+    )
+
+
+def _paragraph(finding: Finding) -> str:
+    f = finding
+    lines = [f"### E_{f.metric}, norm {f.norm}, f/n = {f.depth_ratio:g}, half field of view {f.half_fov_deg:g} deg", ""]
+    if f.failures:
+        lines.append(f"**{f.failures} directions could not be solved**; `run.json` names each outcome.")
+    lines.append(
+        "A warp helps for every direction of the table."
+        if f.no_warp == "none"
+        else f"No warp is optimal for theta = {f.no_warp}; a warp helps for the others."
+    )
+    lines += ["", "| rule | worst error / optimum | at theta | worse than no warp for theta |", "|---|---|---|---|"]
+    for name, (ratio, theta) in f.worst.items():
+        if np.isnan(ratio):
+            lines.append(f"| {_TITLES[name]} | gives no lambda > 0 here | | |")
+        else:
+            harm = f.harmful[name] or ("" if name == "ssm" else "nowhere")
+            lines.append(f"| {_TITLES[name]} | {ratio:.4g} | {theta:g} deg | {harm} |")
+    return "\n".join(lines) + "\n"
+
+
+def report(config: RunConfig, sweep: Sweep, found: list[Finding], figures: list[tuple[str, str]]) -> str:
+    """The report as Markdown."""
+    n_directions, n_views = len(sweep.theta_deg), len(sweep.views)
+    parts = [
+        "# Optimal perspective warps\n",
+        f"{n_views} view(s), {n_directions} light direction(s) from {sweep.theta_deg.min():g} to "
+        f"{sweep.theta_deg.max():g} deg, norms over the measure `{sweep.measure}`. Every optimum is a global minimum: its "
+        "stationarity condition changes sign once, or it is a tie or a kink with the right signs on both sides.\n",
+        "`table.csv` and `table.npz` hold eta, lambda / mu, lambda and the minimal norm for each direction, and after "
+        "them each rule's norm as a multiple of the minimum; `run.json` holds the configuration, versions and outcomes. "
+        "lambda is the near-plane distance of the warping frustum (inf: no warp), mu its depth range, and "
+        "eta = lambda / (lambda + mu).\n",
+        "A ratio counts where its rule is defined; where a rule gives no lambda > 0, the table has no warp in its "
+        "place.\n",
+    ]
+    if figures:
+        parts.append("## Figures\n")
+        parts += [f"![{caption}]({stem}.png)\n\n*{caption}*\n" for stem, caption in figures]
+    parts.append("## What was found\n")
+    parts += [_paragraph(f) for f in found]
+    return "\n".join(parts)

@@ -1,0 +1,186 @@
+"""`warpopt run`: a configuration in, a folder of results out."""
+
+import csv
+import importlib.metadata
+import json
+import platform
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+import warpopt
+
+from .config import RunConfig
+from .figures import write_figures
+from .report import Finding, findings, report
+from .single import finite_or_none
+from .sweep import RULES, OptimumCurves, Sweep, View, compute_sweep, objectives
+from .writing import MARK, whole_folder
+
+_FIGURE_RATIOS = (10.0, 100.0, 1000.0, 10000.0)  # f/n of the figure over several f/n, beside the config's own
+
+
+def run(config: RunConfig, console: Console | None = None) -> int:
+    """Solve, write, summarise; 0 if every problem was solved, 1 if the table holds failures (it is written all the same).
+
+    Raises:
+        ConfigError: the output folder cannot be written, or is not an earlier result.
+    """
+    console = console or Console()
+    views = tuple(
+        View(config.view.near, far, half_fov) for half_fov in config.view.half_fov_deg for far in config.view.far
+    )
+    context = _context(views) if config.output.figures else ()
+    theta_deg = config.light.values()
+    timings: dict[str, float] = {}
+    steps = 1 + len(objectives(config.objective.metrics, config.objective.norms)) + 4 * config.output.figures
+    columns = (TextColumn("{task.description:<24}"), BarColumn(), TimeElapsedColumn())
+    with whole_folder(config.output.directory) as folder, Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("starting", total=steps)
+
+        def progress(done: str) -> None:
+            bar.update(task, advance=1, description=done)
+
+        start = time.perf_counter()
+        sweep = compute_sweep(
+            views,
+            context,
+            theta_deg,
+            config.objective.metrics,
+            config.objective.norms,
+            config.objective.measure,
+            progress,
+        )
+        timings["solve_s"] = time.perf_counter() - start
+        write_table(sweep, folder / "table.csv")
+        write_arrays(sweep, folder / "table.npz")
+        start = time.perf_counter()
+        figures = write_figures(sweep, folder, progress) if config.output.figures else []
+        timings["figures_s"] = time.perf_counter() - start
+        found = findings(sweep)
+        (folder / "report.md").write_text(report(config, sweep, found, figures), encoding="utf-8")
+        record = run_record(config, sweep, timings)
+        (folder / MARK).write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    failures = sum(int((~_succeeded(o)).sum()) for o in sweep.optima)
+    _summarise(console, found, config.output.directory, failures)
+    return 1 if failures else 0
+
+
+def _context(views: tuple[View, ...]) -> tuple[View, ...]:
+    first = views[0]
+    fars = (first.near * ratio for ratio in _FIGURE_RATIOS)
+    candidates = (View(first.near, far, first.half_fov_deg) for far in fars)
+    return tuple(view for view in candidates if view not in views)
+
+
+def _succeeded(optimum: OptimumCurves) -> np.ndarray:
+    return optimum.result <= warpopt.Outcome.no_warp
+
+
+def write_table(sweep: Sweep, path: Path) -> None:
+    """One row for each view, objective and direction; floats as Python writes them, which read back the same."""
+    head = ["theta_deg", "near", "far", "half_fov_deg", "metric", "norm", "measure", "eta", "lambda_over_mu", "lambda"]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([*head, "value", *RULES])
+        for i, view in enumerate(sweep.views):
+            for o in sweep.optima:
+                arrays = (o.eta, o.lam_over_mu, o.lam, o.value, *(o.ratios[name] for name in RULES))
+                columns = zip(*(a[i].tolist() for a in arrays), strict=True)
+                for theta, row in zip(sweep.theta_deg.tolist(), columns, strict=True):
+                    eta, lam_over_mu, lam, *rest = row
+                    place = (theta, view.near, view.far, view.half_fov_deg, o.metric, o.norm, sweep.measure)
+                    writer.writerow([*place, eta, lam_over_mu, lam, *rest])
+
+
+def write_arrays(sweep: Sweep, path: Path) -> None:
+    """The table as arrays: objectives first, then views, then directions."""
+    count = len(sweep.views)
+
+    def stacked(name: str) -> np.ndarray:
+        return np.stack([getattr(o, name)[:count] for o in sweep.optima])
+
+    views = {name: np.array([getattr(v, name) for v in sweep.views]) for name in ("near", "far", "half_fov_deg")}
+    np.savez(
+        path,
+        theta_deg=sweep.theta_deg,
+        **views,
+        metric=np.array([o.metric for o in sweep.optima]),
+        norm=np.array([o.norm for o in sweep.optima]),
+        measure=np.array(sweep.measure),
+        eta=stacked("eta"),
+        lambda_over_mu=stacked("lam_over_mu"),
+        **{"lambda": stacked("lam")},
+        value=stacked("value"),
+        outcome=stacked("result"),
+        residual=stacked("residual"),
+        rule=np.array(list(RULES)),
+        ratio=np.stack([np.stack([o.ratios[name][:count] for name in RULES]) for o in sweep.optima]),
+    )
+
+
+def run_record(config: RunConfig, sweep: Sweep, timings: dict[str, float]) -> dict[str, Any]:
+    """What a later reader needs to trust or repeat the run; strict JSON."""
+    packages = ("warpopt", "jax", "jaxlib", "optimistix", "equinox", "numpy", "matplotlib")
+    return {
+        "config": config.model_dump(mode="json"),
+        "versions": {"python": platform.python_version(), **{p: importlib.metadata.version(p) for p in packages}},
+        "dtype": str(sweep.optima[0].eta.dtype),
+        "device": jax.devices()[0].platform,
+        "timings": {key: round(value, 3) for key, value in timings.items()},
+        "objectives": [
+            {
+                "metric": o.metric,
+                "norm": o.norm,
+                "measure": sweep.measure,
+                "outcomes": {
+                    outcome.name: count
+                    for outcome in warpopt.Outcome
+                    if (count := int((o.result[: len(sweep.views)] == outcome).sum()))
+                },
+                "largest_residual": finite_or_none(o.residual[: len(sweep.views)].max()),
+                "tables": [_json_table(sweep, o, i) for i in range(len(sweep.views))],
+            }
+            for o in sweep.optima
+        ],
+    }
+
+
+def _json_table(sweep: Sweep, optimum: OptimumCurves, i: int) -> dict[str, Any]:
+    view = sweep.views[i]
+    return {
+        "near": view.near,
+        "far": view.far,
+        "half_fov_deg": view.half_fov_deg,
+        "rows": [
+            {
+                "theta_deg": float(sweep.theta_deg[j]),
+                "eta": finite_or_none(optimum.eta[i, j]),
+                "lambda_over_mu": finite_or_none(optimum.lam_over_mu[i, j]),
+                "lambda": finite_or_none(optimum.lam[i, j]),
+                "no_warp": bool(optimum.result[i, j] == warpopt.Outcome.no_warp),
+                "value": finite_or_none(optimum.value[i, j]),
+                "outcome": warpopt.Outcome(int(optimum.result[i, j])).name,
+            }
+            for j in range(len(sweep.theta_deg))
+        ],
+    }
+
+
+def _summarise(console: Console, found: list[Finding], directory: Path, failures: int) -> None:
+    table = Table(title="Worst error of each rule over the optimum's, over all directions")
+    for column in ("f/n", "half fov", "metric", "norm", "no warp for theta", *(name for name in found[0].worst)):
+        table.add_column(column, justify="right")
+    for f in found:
+        worst = (f"{ratio:.4g}" for ratio, _ in f.worst.values())
+        table.add_row(f"{f.depth_ratio:g}", f"{f.half_fov_deg:g}", f.metric, f.norm, f.no_warp, *worst)
+    console.print(table)
+    if failures:
+        console.print(f"{failures} problem(s) failed; the outcome column of run.json tells which and why.", style="bold red")
+    console.print(f"Written: {directory}{'/' if directory.name else ''}report.md, table.csv, table.npz, run.json")

@@ -1,0 +1,87 @@
+"""`warpopt solve` and `warpopt rules`: one problem, answered on the terminal."""
+
+import json
+import math
+from typing import Any
+
+import rich
+from rich.table import Table
+
+import warpopt
+
+from .config import Problem
+from .sweep import RULES, OptimumCurves, Sweep, View, compute_sweep
+
+
+def finite_or_none(value: float) -> float | None:
+    """A float for strict JSON, which has no infinities."""
+    return float(value) if math.isfinite(value) else None
+
+
+def _swept(problem: Problem) -> tuple[Sweep, OptimumCurves]:
+    view = View(problem.near, problem.far, problem.half_fov_deg)
+    sweep = compute_sweep((view,), (), [problem.theta_deg], [problem.metric], [problem.norm], problem.measure)
+    return sweep, sweep.optima[0]
+
+
+def _optimum(problem: Problem, optimum: OptimumCurves) -> dict[str, Any]:
+    outcome = warpopt.Outcome(int(optimum.result[0, 0]))
+    lam = float(optimum.lam[0, 0])
+    return {
+        **problem.model_dump(),
+        "eta": float(optimum.eta[0, 0]),
+        "lambda_over_mu": finite_or_none(optimum.lam_over_mu[0, 0]),
+        "lambda": finite_or_none(lam),
+        "no_warp": math.isinf(lam),
+        "value": finite_or_none(optimum.value[0, 0]),
+        "outcome": outcome.name,
+        "outcome_sentence": outcome.sentence,
+        "residual": float(optimum.residual[0, 0]),
+    }
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "inf (no warp)"
+    return f"{value:.10g}" if isinstance(value, float) else str(value)
+
+
+def solve(problem: Problem, as_json: bool) -> int:
+    """Print the optimal warp; 0 if it was found, 1 if not."""
+    answer = _optimum(problem, _swept(problem)[1])
+    if as_json:
+        print(json.dumps(answer, indent=2, allow_nan=False))
+    else:
+        table = Table(show_header=False, title=f"Optimal warp, {problem.metric} in {problem.norm} over {problem.measure}")
+        for key in ("eta", "lambda_over_mu", "lambda", "value", "outcome_sentence"):
+            table.add_row(key.replace("outcome_sentence", "outcome"), _shown(answer[key]))
+        rich.print(table)
+    return 0 if warpopt.Outcome[answer["outcome"]].succeeded else 1
+
+
+def rules(problem: Problem, as_json: bool) -> int:
+    """Print every rule beside the optimum; 0 if the optimum was found, 1 if not."""
+    sweep, optimum = _swept(problem)
+    answer = _optimum(problem, optimum)
+    rows = {
+        name: {
+            "lambda": finite_or_none(sweep.rules[name].lam[0, 0]),
+            "lambda_over_mu": finite_or_none(sweep.rules[name].lam_over_mu[0, 0]),
+            "no_warp": bool(math.isinf(sweep.rules[name].lam[0, 0])),
+            "defined": bool(sweep.rules[name].defined[0, 0]),
+            "ratio": finite_or_none(optimum.ratios[name][0, 0]),
+        }
+        for name in RULES
+    }
+    if as_json:
+        print(json.dumps({"optimum": answer, "rules": rows}, indent=2, allow_nan=False))
+    else:
+        table = Table(title=f"{problem.metric} in {problem.norm} over {problem.measure}: error over the optimum's")
+        for column in ("rule", "lambda", "lambda/mu", "ratio"):
+            table.add_column(column, justify="left" if column == "rule" else "right")
+        table.add_row("optimum", _shown(answer["lambda"]), _shown(answer["lambda_over_mu"]), "1", style="bold")
+        for name, row in rows.items():
+            note = "" if row["defined"] else " (undefined here)"
+            table.add_row(name + note, _shown(row["lambda"]), _shown(row["lambda_over_mu"]), _shown(row["ratio"]))
+        rich.print(table)
+    return 0 if warpopt.Outcome[answer["outcome"]].succeeded else 1
