@@ -14,6 +14,7 @@ from ..theory.error_norm import ErrorNorm, Metric
 from ..theory.frustum import ViewFrustum
 from ..theory.light_space import LightSpace, checked_theta
 from ..theory.warp import Warp
+from .chunks import in_chunks
 from .outcome import Outcome, failed
 from .power_mean import minimise_power_mean
 from .quadrature import QuadratureMean, has_moments
@@ -119,12 +120,19 @@ def _norm(space: LightSpace, mean, eta: Array, norm: ErrorNorm) -> Array:
 
 @functools.partial(jax.jit, static_argnames=("norm",))
 def _norm_of(frustum: ViewFrustum, theta: Array, eta: Array, norm: ErrorNorm) -> Array:
-    space, mean = _prepared(frustum, theta, norm)
-    return _norm(space, mean, eta, norm)
+    def evaluate(frustum: ViewFrustum, theta: Array, eta: Array) -> Array:
+        space, mean = _prepared(frustum, theta, norm)
+        return _norm(space, mean, eta, norm)
+
+    return in_chunks(evaluate, frustum, theta, eta)
 
 
 @functools.partial(jax.jit, static_argnames=("norm", "iterative"))
 def _solve(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool) -> Solution:
+    return in_chunks(functools.partial(_solve_chunk, norm=norm, iterative=iterative), frustum, theta)
+
+
+def _solve_chunk(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool) -> Solution:
     space, mean = _prepared(frustum, theta, norm)
     if norm.supremum:
         optimum = minimise_supremum(space, norm, iterative)
@@ -135,8 +143,7 @@ def _solve(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool)
     value = _norm(space, mean, optimum.eta, norm)
     finite = jnp.isfinite(value) & jnp.isfinite(optimum.eta)
     outcome = jnp.where(finite, optimum.outcome, Outcome.not_finite)
-    eta, one_minus_eta, mu = jnp.broadcast_arrays(optimum.eta, optimum.one_minus_eta, space.mu)
-    warp = Warp(eta, one_minus_eta, mu, jnp.ones(eta.shape, bool))
+    warp = Warp(optimum.eta, optimum.one_minus_eta, space.mu, jnp.ones((), bool))
     return Solution(warp, value, outcome, optimum.residual)
 
 
