@@ -117,9 +117,7 @@ def exits(theta_deg: np.ndarray, lam_over_mu: np.ndarray) -> list[tuple[float, f
     return [(float(theta[i]), float(values[i])) for i in np.flatnonzero(finite & beside)]
 
 
-def _no_warp_band(
-    axes: Axes, sweep: Sweep, view: int, optima: list[OptimumCurves], limit: float, labels: bool
-) -> None:
+def _no_warp_band(axes: Axes, sweep: Sweep, view: int, optima: list[OptimumCurves], limit: float, labels: bool) -> None:
     axes.set_facecolor(_BAND)
     tracks = [
         (style.optimum_label(o.metric, o.norm), o.lam_over_mu[view], style.optimum_style(sweep, o)["color"])
@@ -174,9 +172,7 @@ def ratio_figure(sweep: Sweep) -> Figure:
     return figure
 
 
-def _ratio_panel(
-    axes: Axes, sweep: Sweep, optimum: OptimumCurves, limits: tuple[float, float], limit: float
-) -> None:
+def _ratio_panel(axes: Axes, sweep: Sweep, optimum: OptimumCurves, limits: tuple[float, float], limit: float) -> None:
     style.log_axis(axes, limits)
     axes.grid(axis="y", which="major", color="#e3e3e3", linewidth=0.6, zorder=0.5)
     order = np.argsort(sweep.theta_deg, kind="stable")

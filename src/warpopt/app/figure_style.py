@@ -38,6 +38,7 @@ RULE_LABELS = {
     "scherzer": "Scherzer",
 }
 METRIC_LABELS = {"p": r"$E_p$", "q": r"$E_q$", "pxq": r"$E_{p\times q}$"}
+PLAIN_METRICS = {"p": "E_p", "q": "E_q", "pxq": "E_p×q"}
 METRIC_DASHES = {"p": "-", "q": (0, (4.5, 1.5)), "pxq": (0, (1.2, 1.0))}
 NORM_INKS = (("#000000", 3.0), ("#5c5c5c", 2.0), ("#000000", 1.2), ("#5c5c5c", 0.9))  # grey and line width
 
@@ -152,6 +153,12 @@ def optimum_label(metric: str, norm: str) -> str:
     return f"{METRIC_LABELS.get(metric, metric)}, {norm_label(norm)}"
 
 
+def plain_optimum_label(metric: str, norm: str) -> str:
+    """The optimum's name in running text."""
+    name = norm_label(norm).strip("$").replace("_", "").replace(r"\infty", "∞").strip("{}").replace("{", "")
+    return f"{PLAIN_METRICS.get(metric, metric)} in {name}"
+
+
 def optimum_style(sweep: Sweep, optimum: OptimumCurves) -> dict:
     """Dashes tell the metric; grey and width tell the norm."""
     grey, width = NORM_INKS[norms_of(sweep).index(optimum.norm) % len(NORM_INKS)]
@@ -262,9 +269,13 @@ def power_text(value: float, long: bool = False) -> str:
     if (0.1 <= value <= 10) if long else (1e-3 <= value < 1e4):
         return f"{value:.3g}"
     exponent = math.floor(math.log10(value) + 1e-9)
-    power = "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    power = "10" + superscript(exponent)
     factor = round(value / 10.0**exponent)
     return power if factor == 1 else f"{factor}·{power}"
+
+
+def superscript(exponent: int) -> str:
+    return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 def listed(items: Sequence[str]) -> str:
