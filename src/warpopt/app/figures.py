@@ -25,7 +25,7 @@ from .sweep import Sweep
 __all__ = ["error_distribution_figure", "focus_region_figure", "lambda_figure", "ratio_figure", "write_figures"]
 
 _PNG_DPI = 160
-_SVG_DPI = 240  # of the pictures inside; all else is vectors
+_SVG_DPI = 160  # of the pictures inside; all else is vectors
 _KAPPA, _XI = 0.5, 0.8
 
 

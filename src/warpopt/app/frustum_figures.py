@@ -29,7 +29,7 @@ _COLOURS = LinearSegmentedColormap.from_list(
 )
 _LIGHT = "#b07900"
 _PANEL = 1.2  # inches
-_MAGNIFIED = 0.33  # the magnified near part's size, of the frustum's
+_MAGNIFIED = 0.3  # the magnified near part's size, of the frustum's
 _LEAST_MAGNIFICATION = 1.5
 _DEEP = View(1.0, 1000.0, 30.0)  # deep enough that VN's 1/4 and 4/7 hold to 0.001
 _FOCUS, _FOCUS_FILL, _FOCUS_INK, _DISTANT = "#d55e00", "#fbe3d0", "#8f3d00", "#dfe6ec"
@@ -81,7 +81,7 @@ def error_distribution_figure(view: View, data: Distributions | None = None) -> 
     """
     data = distributions(view) if data is None else data
     logs = np.log(data.errors) / math.log(5)
-    norm = Normalize(math.floor(logs.min()), math.ceil(logs.max()))
+    norm = Normalize(*_decades(logs))
     colours = ScalarMappable(norm, _COLOURS)
     slope = math.tan(math.radians(view.half_fov_deg))
     width = _PANEL
@@ -155,13 +155,21 @@ def _area(
     image.set_data(colours.cmap(colours.norm(logs), bytes=True))
     axes.add_image(image)
     image.set_clip_path(shape)
-    levels = np.arange(math.ceil(logs.min()), math.floor(logs.max()) + 1)
-    if levels.size:
+    finite = logs[np.isfinite(logs)]
+    levels = [level for level in range(*_decades(logs)) if finite.size and finite.min() < level < finite.max()]
+    if levels:
         across, up = np.linspace(*box[:2], logs.shape[1]), np.linspace(*box[2:], logs.shape[0])
         lines = axes.contour(
             across, up, logs, levels=levels, colors="#303030", linewidths=0.35, linestyles="-", zorder=3
         )
         lines.set_clip_path(shape)
+
+
+def _decades(logs: np.ndarray) -> tuple[int, int]:
+    """The whole numbers around all finite values, one apart at least."""
+    finite = logs[np.isfinite(logs)]
+    low, high = (math.floor(finite.min()), math.ceil(finite.max())) if finite.size else (0, 1)
+    return low, max(high, low + 1)
 
 
 def _maximum_text(largest: float) -> str:
