@@ -74,7 +74,7 @@ def finite_or_nan(values):
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    sweep = synthetic_sweep(context=(View(1.0, 10.0, 30.0),))
+    sweep = synthetic_sweep(metrics=("p",), norms=("inf",))
     folders = [tmp_path_factory.mktemp(name) for name in ("first", "second")]
     told = []
     captions = [write_figures(sweep, folder, told.append) for folder in folders]

@@ -180,7 +180,8 @@ def drawn_optima(sweep: Sweep) -> list[OptimumCurves]:
 
 
 def ratio_text(view: View) -> str:
-    return f"{view.far / view.near:,.6g}"
+    ratio = view.far / view.near
+    return f"{ratio:,.0f}" if ratio >= 1000 else f"{ratio:.4g}"
 
 
 def view_label(view: View) -> str:
@@ -197,7 +198,9 @@ def theta_axis(axes: Axes, limit: float, label: bool = True) -> None:
     axes.set_xticks(np.arange(0, limit + 1, 15 if limit <= 90 else 30))
     axes.tick_params(axis="x", labelbottom=label)
     if label:
-        beside(axes, "θ, angle between view and light (degrees)", (0.5, 0), (0, -19), va="top")
+        wide = axes.get_window_extent().width > 2.8 * axes.figure.dpi
+        text = "θ, angle between view and light (degrees)" if wide else "θ (degrees)"
+        beside(axes, text, (0.5, 0), (0, -19), va="top")
 
 
 def beside(axes: Axes, text: str, at: tuple[float, float], offset: tuple[float, float], **options) -> None:
@@ -257,7 +260,7 @@ def log_axis(axes: Axes, limits: tuple[float, float], label: bool = True) -> Non
     every = 1 + int((high - low) / 10)
     exponents = range(math.floor(low), math.ceil(high) + 1)
     ticks = [step * 10.0**k for k in exponents if k % every == 0 for step in steps]
-    ticks = [tick for tick in ticks if limits[0] <= tick <= limits[1]]
+    ticks = [tick for tick in ticks if low <= math.log10(tick) < high - 0.03 * (high - low)]
     long = high - low > 3.7
     axes.set_yticks(ticks, [power_text(tick, long) for tick in ticks])
     axes.set_yticks([], minor=True)

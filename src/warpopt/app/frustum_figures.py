@@ -2,6 +2,7 @@
 
 import dataclasses
 import fractions
+import functools
 import math
 
 import jax
@@ -56,20 +57,24 @@ def distributions(view: View, thetas_deg: tuple[float, ...] = THETAS_DEG, sample
     z = np.stack([np.linspace(near, end, samples) for end in ends])[:, None, :]
     height = np.stack([np.linspace(-end, end, samples) for end in ends])[:, :, None]
     y = np.clip(height, -z, z) * slope
-    theta = np.deg2rad(np.array(thetas_deg))
-    frustum = jax.tree.map(lambda v: v[0, 0], frustum_of((view,)))
-
-    def errors(y, z):
-        published = [rule(frustum, theta) for rule in (warpopt.rules.ssm, warpopt.rules.lispsm, warpopt.rules.tsm)]
-        every = []
-        for metric in METRICS:
-            best = warpopt.optimal_warp(frustum, theta, metric, "inf", throw=False).warp
-            warps = jax.tree.map(lambda *fields: jnp.stack(fields)[..., None, None, None], *published, best)
-            every.append(warpopt.aliasing_error(frustum, theta[:, None, None, None], warps, y, z, metric))
-        return jnp.stack(every)
-
     extents = tuple((near, end, -end * slope, end * slope) for end in ends)
-    return Distributions(np.asarray(jax.jit(errors)(y, z)), extents)
+    return Distributions(np.asarray(_errors(thetas_deg, _single(view), y, z)), extents)
+
+
+def _single(view: View) -> "warpopt.ViewFrustum":
+    return jax.tree.map(lambda v: v[0, 0], frustum_of((view,)))
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _errors(thetas_deg: tuple[float, ...], frustum: "warpopt.ViewFrustum", y: jax.Array, z: jax.Array) -> jax.Array:
+    theta = np.deg2rad(np.array(thetas_deg))  # static: a traced angle would be checked at run time, at a cost
+    published = [rule(frustum, theta) for rule in (warpopt.rules.ssm, warpopt.rules.lispsm, warpopt.rules.tsm)]
+    every = []
+    for metric in METRICS:
+        best = warpopt.optimal_warp(frustum, theta, metric, "inf", throw=False).warp
+        warps = jax.tree.map(lambda *fields: jnp.stack(fields)[..., None, None, None], *published, best)
+        every.append(warpopt.aliasing_error(frustum, theta[:, None, None, None], warps, y, z, metric))
+    return jnp.stack(every)
 
 
 @style.house_style()
@@ -100,7 +105,8 @@ def error_distribution_figure(view: View, data: Distributions | None = None) -> 
         for column, technique in enumerate(TECHNIQUES):
             x = left + column * (width + gap)
             panel = metric, column, direction
-            _side_view(canvas, data, logs[panel], colours, (x, -y - tall / 2), min(width, tall / (2 * slope)))
+            long = min(width, tall / (2 * slope))
+            _side_view(canvas, data, logs[panel], colours, (x + width - long, -y - tall / 2), long)
             weight = "bold" if technique == "optimum" else "normal"
             canvas.text(x, -y - tall, _maximum_text(data.errors[panel].max()), size=7, weight=weight, va="bottom")
             if row == 0:
@@ -173,6 +179,9 @@ def _decades(logs: np.ndarray) -> tuple[int, int]:
 
 
 def _maximum_text(largest: float) -> str:
+    if largest >= 1e6:
+        exponent = math.floor(math.log10(largest))
+        return f"max {largest / 10.0**exponent:.2f}·10{style.superscript(exponent)}"
     return f"max {largest:,.0f}" if largest >= 100 else f"max {largest:.3g}"
 
 
@@ -180,7 +189,8 @@ def _colour_bar(figure: Figure, colours: ScalarMappable, place: tuple[float, flo
     left, top, width = place
     bar = style.place(figure, left, top, width, 0.13)
     figure.colorbar(colours, cax=bar, orientation="horizontal")
-    ticks = np.arange(colours.norm.vmin, colours.norm.vmax + 1)
+    low, high = colours.norm.vmin, colours.norm.vmax
+    ticks = np.arange(low, high + 1, 1 + (high - low) // 16)
     bar.set_xticks(ticks, ["5" + style.superscript(int(tick)) for tick in ticks], fontsize=8)
     bar.vlines(ticks, 0, 1, color="#303030", linewidth=0.5)
     style.beside(bar, "aliasing error, on a logarithmic scale of base 5", (0.5, 0), (0, -25))
@@ -232,18 +242,20 @@ def focus_region(kappa: float = 0.5, xi: float = 0.8, view: View = _DEEP) -> Foc
     along_y = np.stack(np.broadcast_arrays(steps[:, None], ends), axis=-1)
     focus = depth * np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)])
     points = far * np.concatenate([along_y.reshape(-1, 2), along_y[..., ::-1].reshape(-1, 2), focus])
-    frustum = jax.tree.map(lambda v: v[0, 0], frustum_of((view,)))
-
-    def mapped(x, y):
-        tsm = warpopt.rules.tsm(frustum, 0.0, kappa, xi)
-        maps = [
-            warpopt.texture_coordinates(frustum, 0.0, w, x, y, view.far) for w in (warpopt.rules.ssm(frustum, 0.0), tsm)
-        ]
-        return tsm.lam_over_mu, jnp.stack([jnp.stack(ts, -1) for ts in maps])
-
-    lam_over_mu, coordinates = jax.jit(mapped)(*points.T)
+    lam_over_mu, coordinates = _mapped((kappa, xi), _single(view), *points.T)
     coordinates = np.asarray(coordinates)
     return FocusRegion(float(lam_over_mu), coordinates[:, :-4].reshape(2, -1, 2, 2), coordinates[:, -4:])
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _mapped(
+    rule: tuple[float, float], frustum: "warpopt.ViewFrustum", x: jax.Array, y: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """TSM's lambda / mu at theta = 0, and (t, s) of points of the far plane without and with its warp."""
+    tsm = warpopt.rules.tsm(frustum, 0.0, *rule)
+    warps = (warpopt.rules.ssm(frustum, 0.0), tsm)
+    maps = [jnp.stack(warpopt.texture_coordinates(frustum, 0.0, warp, x, y, frustum.far), -1) for warp in warps]
+    return tsm.lam_over_mu, jnp.stack(maps)
 
 
 @style.house_style()
