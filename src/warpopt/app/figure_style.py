@@ -260,7 +260,7 @@ def log_axis(axes: Axes, limits: tuple[float, float], label: bool = True) -> Non
     every = 1 + int((high - low) / 10)
     exponents = range(math.floor(low), math.ceil(high) + 1)
     ticks = [step * 10.0**k for k in exponents if k % every == 0 for step in steps]
-    ticks = [tick for tick in ticks if low <= math.log10(tick) < high - 0.03 * (high - low)]
+    ticks = [tick for tick in ticks if low <= math.log10(tick) < high - 0.012 * (high - low)]
     long = high - low > 3.7
     axes.set_yticks(ticks, [power_text(tick, long) for tick in ticks])
     axes.set_yticks([], minor=True)

@@ -58,16 +58,17 @@ def distributions(view: View, thetas_deg: tuple[float, ...] = THETAS_DEG, sample
     height = np.stack([np.linspace(-end, end, samples) for end in ends])[:, :, None]
     y = np.clip(height, -z, z) * slope
     extents = tuple((near, end, -end * slope, end * slope) for end in ends)
-    return Distributions(np.asarray(_errors(thetas_deg, _single(view), y, z)), extents)
+    frustum, theta = _single(view), np.deg2rad(np.array(thetas_deg))
+    # Frustum and angles as constants of the compiled call: traced, they take XLA three times as long.
+    errors = jax.jit(lambda y, z: _errors(frustum, theta, y, z))(y, z)
+    return Distributions(np.asarray(errors), extents)
 
 
 def _single(view: View) -> "warpopt.ViewFrustum":
     return jax.tree.map(lambda v: v[0, 0], frustum_of((view,)))
 
 
-@functools.partial(jax.jit, static_argnums=0)
-def _errors(thetas_deg: tuple[float, ...], frustum: "warpopt.ViewFrustum", y: jax.Array, z: jax.Array) -> jax.Array:
-    theta = np.deg2rad(np.array(thetas_deg))  # static: a traced angle would be checked at run time, at a cost
+def _errors(frustum: "warpopt.ViewFrustum", theta: np.ndarray, y: jax.Array, z: jax.Array) -> jax.Array:
     published = [rule(frustum, theta) for rule in (warpopt.rules.ssm, warpopt.rules.lispsm, warpopt.rules.tsm)]
     every = []
     for metric in METRICS:
@@ -242,17 +243,16 @@ def focus_region(kappa: float = 0.5, xi: float = 0.8, view: View = _DEEP) -> Foc
     along_y = np.stack(np.broadcast_arrays(steps[:, None], ends), axis=-1)
     focus = depth * np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)])
     points = far * np.concatenate([along_y.reshape(-1, 2), along_y[..., ::-1].reshape(-1, 2), focus])
-    lam_over_mu, coordinates = _mapped((kappa, xi), _single(view), *points.T)
+    lam_over_mu, coordinates = jax.jit(functools.partial(_mapped, _single(view), kappa, xi))(*points.T)
     coordinates = np.asarray(coordinates)
     return FocusRegion(float(lam_over_mu), coordinates[:, :-4].reshape(2, -1, 2, 2), coordinates[:, -4:])
 
 
-@functools.partial(jax.jit, static_argnums=0)
 def _mapped(
-    rule: tuple[float, float], frustum: "warpopt.ViewFrustum", x: jax.Array, y: jax.Array
+    frustum: "warpopt.ViewFrustum", kappa: float, xi: float, x: jax.Array, y: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """TSM's lambda / mu at theta = 0, and (t, s) of points of the far plane without and with its warp."""
-    tsm = warpopt.rules.tsm(frustum, 0.0, *rule)
+    tsm = warpopt.rules.tsm(frustum, 0.0, kappa, xi)
     warps = (warpopt.rules.ssm(frustum, 0.0), tsm)
     maps = [jnp.stack(warpopt.texture_coordinates(frustum, 0.0, warp, x, y, frustum.far), -1) for warp in warps]
     return tsm.lam_over_mu, jnp.stack(maps)
