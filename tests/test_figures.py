@@ -1,10 +1,10 @@
 """The figures: the files are what they claim, the lines are the sweep's, and odd runs are drawn too."""
 
 import dataclasses
-import functools
 import xml.etree.ElementTree
 
 import jax
+import matplotlib
 import numpy as np
 import pytest
 
@@ -74,12 +74,12 @@ def finite_or_nan(values):
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory):
+def written(tmp_path_factory, paper_errors):
     sweep = synthetic_sweep(metrics=("p",), norms=("inf",))
     folders = [tmp_path_factory.mktemp(name) for name in ("first", "second")]
     told = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(figures, "distributions", functools.cache(distributions))
+        patch.setattr(figures, "distributions", lambda view: paper_errors)  # coarser, compiled once
         captions = [write_figures(sweep, folder, told.append) for folder in folders]
     return folders, captions, told
 
@@ -125,8 +125,6 @@ def test_files_are_the_same_bytes_again(written, stem, kind):
 
 
 def test_settings_of_the_process_are_left_alone(written):
-    import matplotlib
-
     assert matplotlib.rcParams["svg.hashsalt"] is None
     assert matplotlib.rcParams["font.size"] == 10.0
 
@@ -281,14 +279,13 @@ def test_failed_errors_are_drawn(paper_errors):
 
 
 def test_captions_say_what_is_left_out():
-    from warpopt.app.figures import _lambda_caption, _ratio_caption
-
     many = synthetic_sweep(
         views=tuple(View(1.0, 10.0 * k, 30.0) for k in range(1, 11)), norms=("inf", "l2", "l1", "3.0", "4.0")
     )
-    assert "4 more views with other f/n or φ are not shown. 1 more norm of the run is not shown." in _lambda_caption(
-        many
+    assert (
+        "4 more views with other f/n or φ are not shown. 1 more norm of the run is not shown."
+        in figures._lambda_caption(many)
     )
-    assert "9 more views of the run are not shown." in _ratio_caption(many)
+    assert "9 more views of the run are not shown." in figures._ratio_caption(many)
     few = synthetic_sweep(norms=("inf",))
-    assert "not shown" not in _lambda_caption(few) + _ratio_caption(few)
+    assert "not shown" not in figures._lambda_caption(few) + figures._ratio_caption(few)

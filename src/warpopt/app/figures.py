@@ -25,7 +25,7 @@ from .sweep import Sweep
 __all__ = ["error_distribution_figure", "focus_region_figure", "lambda_figure", "ratio_figure", "write_figures"]
 
 _PNG_DPI = 160
-_SVG_DPI = 160  # of the pictures inside; all else is vectors
+_SVG_DPI = 110  # of the pictures inside; all else is vectors
 _KAPPA, _XI = 0.5, 0.8
 
 
@@ -63,7 +63,7 @@ def write_figures(
 def save(figure: Figure, path: Path) -> None:
     """Write `path`.png and `path`.svg: text as outlines, no date, ids that depend on the content alone."""
     with style.house_style():
-        figure.savefig(path.with_name(path.name + ".png"), dpi=_PNG_DPI)
+        figure.savefig(path.with_name(path.name + ".png"), dpi=_PNG_DPI, pil_kwargs={"compress_level": 4})
         figure.savefig(path.with_name(path.name + ".svg"), dpi=_SVG_DPI, metadata={"Date": None})
 
 
