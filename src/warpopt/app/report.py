@@ -9,11 +9,11 @@ import warpopt
 from .config import RunConfig
 from .sweep import RULES, OptimumCurves, RuleCurves, Sweep
 
-_TITLES = {
-    "ssm": "no warp (SSM)",
+TITLES = {
+    "ssm": "no warp",
     "psm": "PSM",
     "lispsm": "LiSPSM",
-    "tsm": "TSM (kappa 0.5, xi 0.8)",
+    "tsm": "TSM",
     "tsm_alternative": "TSM's alternative",
     "minimum_norm": "generalised minimum norm",
     "scherzer": "Scherzer's LiSPSM",
@@ -91,10 +91,10 @@ def _paragraph(finding: Finding) -> str:
     lines += ["", "| rule | worst error / optimum | at theta | worse than no warp for theta |", "|---|---|---|---|"]
     for name, (ratio, theta) in f.worst.items():
         if np.isnan(ratio):
-            lines.append(f"| {_TITLES[name]} | gives no lambda > 0 here | | |")
+            lines.append(f"| {TITLES[name]} | gives no lambda > 0 here | | |")
         else:
             harm = f.harmful[name] or ("" if name == "ssm" else "nowhere")
-            lines.append(f"| {_TITLES[name]} | {ratio:.4g} | {theta:g} deg | {harm} |")
+            lines.append(f"| {TITLES[name]} | {ratio:.4g} | {theta:g} deg | {harm} |")
     return "\n".join(lines) + "\n"
 
 
@@ -115,7 +115,7 @@ def report(config: RunConfig, sweep: Sweep, found: list[Finding], figures: list[
     ]
     if figures:
         parts.append("## Figures\n")
-        parts += [f"![{caption}]({stem}.png)\n\n*{caption}*\n" for stem, caption in figures]
+        parts += [f"![{stem}]({stem}.png)\n\n*{caption}*\n" for stem, caption in figures]
     parts.append("## What was found\n")
     parts += [_paragraph(f) for f in found]
     return "\n".join(parts)

@@ -18,11 +18,12 @@ import warpopt
 
 from .config import RunConfig
 from .figures import write_figures
-from .report import Finding, findings, report
+from .report import TITLES, Finding, findings, report
 from .single import finite_or_none
 from .sweep import RULES, OptimumCurves, Sweep, View, compute_sweep, objectives
 from .writing import MARK, whole_folder
 
+_SHOWN_RULES = ("ssm", "lispsm", "tsm")  # of the terminal's summary; the report has them all
 _FIGURE_RATIOS = (10.0, 100.0, 1000.0, 10000.0)  # f/n of the figure over several f/n, beside the config's own
 
 
@@ -174,12 +175,12 @@ def _json_table(sweep: Sweep, optimum: OptimumCurves, i: int) -> dict[str, Any]:
 
 
 def _summarise(console: Console, found: list[Finding], directory: Path, failures: int) -> None:
-    table = Table(title="Worst error of each rule over the optimum's, over all directions")
-    for column in ("f/n", "half fov", "metric", "norm", "no warp for theta", *(name for name in found[0].worst)):
+    table = Table(title="Largest error over the optimum's, over all directions")
+    for column in ("f/n", "half fov", "objective", "no warp is best for", *(TITLES[name] for name in _SHOWN_RULES)):
         table.add_column(column, justify="right")
     for f in found:
-        worst = (f"{ratio:.4g}" for ratio, _ in f.worst.values())
-        table.add_row(f"{f.depth_ratio:g}", f"{f.half_fov_deg:g}", f.metric, f.norm, f.no_warp, *worst)
+        worst = (f"{f.worst[name][0]:.4g}" for name in _SHOWN_RULES)
+        table.add_row(f"{f.depth_ratio:g}", f"{f.half_fov_deg:g}", f"E_{f.metric} {f.norm}", f.no_warp, *worst)
     console.print(table)
     if failures:
         console.print(f"{failures} problem(s) failed; the outcome column of run.json tells which and why.", style="bold red")

@@ -95,7 +95,8 @@ def compute_sweep(
     """Solve everything, one batched call for each objective; `progress` is told of each one done."""
     frustum = frustum_of(views + context)
     theta = np.deg2rad(theta_deg)
-    warps = jax.jit(lambda frustum, theta: {name: rule(frustum, theta) for name, rule in RULES.items()})(frustum, theta)
+    warps = jax.jit(lambda frustum, theta: [rule(frustum, theta) for rule in RULES.values()])(frustum, theta)
+    warps = dict(zip(RULES, warps, strict=True))
     progress("rules")
     every = jax.tree.map(lambda *fields: np.stack(fields), *warps.values())
 

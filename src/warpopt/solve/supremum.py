@@ -58,6 +58,27 @@ def kink(space: LightSpace) -> Float[Array, "..."]:
     return space.a_plus / ((1 + space.depth_range) * space.b)
 
 
+def _tie(space: LightSpace, norm: ErrorNorm) -> tuple[Array, Array]:
+    """(eta, 1 - eta) at which the two receivers' errors are equal; eta = 0 where the nearest always has the larger.
+
+    eta = (d_f - d_n - e d_n) / (d_f - d_n + e (1 - d_n)), e = (f/n)^q - 1 and q = r/k, with the numerator's common terms
+    taken out: for E_q it is x a, lambda = n a, where the naive difference loses every digit as a goes to 0.
+    """
+    x, T, L = space.depth_range, space.slope, space.log_ratio
+    q = norm.metric.depth_power / norm.metric.blend_power
+    u = _extreme_height(norm)
+    growth = jnp.expm1(q * L)
+    top = x * space.a_plus + (1 + growth) * (2 * T * u * jnp.expm1((1 - q) * L) - x * space.a_minus)
+    near, _ = space.edge(u)
+    span = x * (space.sin_theta if u == 0.5 else space.b)  # a + 2 T u
+    bottom = span + growth * near.one_minus_delta * space.mu_over_near
+    return jnp.maximum(top, 0) / bottom, jnp.where(top > 0, growth * space.mu_over_near / bottom, 1)
+
+
+def _extreme_height(norm: ErrorNorm) -> float:
+    return 0.5 if norm.measure == "axis" else 1.0
+
+
 def minimise_supremum(space: LightSpace, norm: ErrorNorm, iterative: bool) -> Optimum:
     """The global minimiser of `supremum_norm`, the largest where minima are flat."""
     if norm.measure == "axis" or iterative:
@@ -82,8 +103,8 @@ def _over_frustum(space: LightSpace, norm: ErrorNorm) -> Optimum:
     excess = jnp.where(space.a_plus > 0, x * s + (x - 2) * T, 2 * (x * s - T)) / mu
     c2 = alpha * excess + beta * m
     helps = c2 > 0
-    tie = h / jnp.expm1(r / k * space.log_ratio)
-    root = jnp.zeros_like(tie)
+    tie, one_minus_tie = _tie(space, norm)
+    root = one_minus_root = jnp.zeros_like(tie)
     if alpha:
         c2 = jnp.where(helps, c2, 1)
         c1 = r * m * excess - 2 * alpha * g * h
@@ -92,25 +113,19 @@ def _over_frustum(space: LightSpace, norm: ErrorNorm) -> Optimum:
         squares = squares + 4 * alpha**2 * g * h * (widest * excess + g**2)
         spread = jnp.sqrt(jnp.where(helps, squares, 1))
         falling = c1 <= 0
-        root = jnp.where(
-            falling, (spread - c1) / (2 * c2), -2 * c0 / jnp.where(falling | ~helps, 1, c1 + spread)
-        )
-    Y = jnp.maximum(tie, root)
-    eta = jnp.where(helps, (Y - g) / (Y + h), 1)
-    outcome = jnp.where(helps, jnp.where(root > tie, Outcome.stationary, Outcome.tie), Outcome.no_warp)
-    return _with_residual(space, norm, eta, jnp.where(helps, 1 / (Y + h), 0), outcome)
+        Y = jnp.where(falling, (spread - c1) / (2 * c2), -2 * c0 / jnp.where(falling | ~helps, 1, c1 + spread))
+        root, one_minus_root = (Y - g) / (Y + h), 1 / (Y + h)
+    stationary = root > tie
+    eta = jnp.where(helps, jnp.where(stationary, root, tie), 1)
+    one_minus_eta = jnp.where(helps, jnp.where(stationary, one_minus_root, one_minus_tie), 0)
+    outcome = jnp.where(helps, jnp.where(stationary, Outcome.stationary, Outcome.tie), Outcome.no_warp)
+    return _with_residual(space, norm, eta, one_minus_eta, outcome)
 
 
 def _by_segments(space: LightSpace, norm: ErrorNorm, iterative: bool) -> Optimum:
     """Segment by segment from eta = 1 down, for any two receivers; each quadratic by formula or by iteration."""
     near, far = extreme_receivers(space, norm)
-    growth = jnp.expm1(norm.metric.depth_power / norm.metric.blend_power * space.log_ratio)
-    height = 0.5 if norm.measure == "axis" else 1.0
-    # far.delta - near.delta without the common terms: a + 2 T u = s on the axis, b on the lower plane.
-    span = space.depth_range * (space.sin_theta if height == 0.5 else space.b) / space.mu_over_near
-    tie_top = jnp.maximum(span - growth * near.delta, 0)
-    tie_bottom = span + growth * near.one_minus_delta
-    tie = tie_top / tie_bottom
+    tie, one_minus_tie = _tie(space, norm)
     bend = kink(space) if norm.metric.beta else jnp.zeros_like(tie)
     top, low = _pieces(space, norm)
     upper, lower = jnp.maximum(tie, bend), jnp.minimum(tie, bend)
@@ -129,7 +144,7 @@ def _by_segments(space: LightSpace, norm: ErrorNorm, iterative: bool) -> Optimum
     outcome = jnp.where(eta >= 1, Outcome.no_warp, outcome)
     outcome = jnp.where(ok & ok_middle & ok_last, outcome, Outcome.not_converged)
     eta = jnp.minimum(eta, 1)
-    one_minus_eta = jnp.where(eta == tie, growth / tie_bottom, 1 - eta)
+    one_minus_eta = jnp.where(eta == tie, one_minus_tie, 1 - eta)
     return _with_residual(space, norm, eta, one_minus_eta, outcome)
 
 

@@ -64,7 +64,8 @@ class LightSpace(eqx.Module):
     def __init__(self, frustum: ViewFrustum, theta: Float[Array, "..."]):
         # notation: n, f, phi, s, c, T, a as in AT09 and the derivation
         n, f, phi = frustum.near, frustum.far, frustum.half_fov
-        s, cos = jnp.sin(theta), jnp.cos(theta)
+        sin, cos = jnp.sin(theta), jnp.cos(theta)
+        s = jnp.where(sin < 0, -sin, sin)  # float32(pi) lies beyond pi
         mirrored = cos < 0
         c = jnp.where(mirrored, -cos, cos)
         T = jnp.tan(phi) * c

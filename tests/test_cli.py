@@ -1,0 +1,219 @@
+"""The command line end to end, each case in a folder of its own."""
+
+import csv
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import warpopt
+from warpopt.app import cli, run
+from warpopt.app.config import ConfigError, RunConfig, read_config
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+SMALL = """
+[view]
+near = 1.0
+far = 100.0
+half_fov_deg = 30.0
+[light]
+theta_deg = [10.0, 30.0, 60.0, 90.0]
+[objective]
+metrics = ["p", "q"]
+norms = ["inf"]
+[output]
+directory = "out"
+figures = false
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "config.toml").write_text(SMALL)
+    return tmp_path
+
+
+def invoke(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as exit_:
+        cli.main(list(arguments))
+    return exit_.value.code
+
+
+def test_run_writes_a_table_that_reads_back_as_the_library_computes(folder, capsys):
+    assert invoke("run", "config.toml") == 0
+    assert {p.name for p in (folder / "out").iterdir()} == {"table.csv", "table.npz", "run.json", "report.md"}
+    with (folder / "out/table.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    head = "theta_deg,near,far,half_fov_deg,metric,norm,measure,eta,lambda_over_mu,lambda,value"
+    assert list(rows[0])[:11] == head.split(",")
+    assert len(rows) == 8
+    frustum = warpopt.ViewFrustum(1.0, 100.0, np.deg2rad(30.0))
+    arrays = np.load(folder / "out/table.npz")
+    for o, metric in enumerate(("p", "q")):
+        theta = np.deg2rad(np.array([10.0, 30.0, 60.0, 90.0]))
+        solution = warpopt.optimal_warp(frustum, theta, metric, "inf")
+        mine = [r for r in rows if r["metric"] == metric]
+        # Batches of other shapes may round differently in the last place; text and npz may not.
+        np.testing.assert_allclose([float(r["eta"]) for r in mine], solution.warp.eta, rtol=4e-15)
+        np.testing.assert_array_equal([float(r["eta"]) for r in mine], arrays["eta"][o, 0])
+        np.testing.assert_array_equal([float(r["lambda"]) for r in mine], arrays["lambda"][o, 0])
+        ratio = warpopt.error_norm(frustum, theta, warpopt.rules.lispsm(frustum, theta), metric) / solution.value
+        np.testing.assert_allclose([float(r["lispsm"]) for r in mine], ratio, rtol=1e-14)
+        psm = list(arrays["rule"]).index("psm")
+        np.testing.assert_array_equal([float(r["psm"]) for r in mine], arrays["ratio"][o, psm, 0])
+
+
+def test_no_warp_is_inf_in_csv_and_null_in_strict_json(folder):
+    assert invoke("run", "config.toml") == 0
+
+    def forbidden(constant):
+        raise AssertionError(constant)
+
+    record = json.loads((folder / "out/run.json").read_text(), parse_constant=forbidden)
+    rows = record["objectives"][1]["tables"][0]["rows"]  # E_q: no warp at 10 degrees
+    assert rows[0]["lambda"] is None
+    assert rows[0]["no_warp"] is True
+    assert rows[3]["no_warp"] is False
+    assert rows[3]["lambda"] == pytest.approx(1.0, rel=1e-14)
+    assert record["objectives"][1]["outcomes"] == {"tie": 2, "no_warp": 2}
+    assert record["dtype"] == "float64"
+    table = (folder / "out/table.csv").read_text()
+    assert "10.0,1.0,100.0,30.0,q,inf,screen,1.0,inf,inf," in table
+
+
+def test_overrides_of_any_key(folder):
+    arguments = ["--view.far", "500", "--output.directory", "else where", "--light.theta-deg", "[45.0]"]
+    assert invoke("run", "config.toml", *arguments, "--objective.metrics=p") == 0
+    record = json.loads((folder / "else where/run.json").read_text())
+    assert record["config"]["view"]["far"] == [500.0]
+    assert record["config"]["light"]["theta_deg"] == [45.0]
+    assert record["config"]["objective"]["metrics"] == ["p"]
+
+
+@pytest.mark.parametrize("name", sorted(p.name for p in CONFIGS.glob("*.toml")))
+def test_shipped_configs_are_valid_and_say_what_they_answer(name):
+    config = read_config(CONFIGS / name, [])
+    assert isinstance(config, RunConfig)
+    first = (CONFIGS / name).read_text().split("\n[")[0]
+    assert first.startswith("# ")
+    assert "?" in first
+
+
+def test_every_flaw_is_reported_at_once_with_its_path(folder, capsys):
+    (folder / "bad.toml").write_text(
+        '[view]\nnear = 1.0\nfar = 0.5\nhalf_fov_deg = [30.0, 95.0]\ncolour = "red"\n'
+        '[light]\ntheta_deg = {start = 0.0, stop = 200.0, count = 0}\n[objective]\nmetrics = ["z"]\nnorms = ["l0", 0.5]\n'
+    )
+    assert invoke("run", "bad.toml") == 2
+    message = capsys.readouterr().err
+    expected = (
+        "view.far", "view.half_fov_deg.1", "view.colour", "light.theta_deg.stop", "light.theta_deg.count",
+        "objective.metrics.0", "objective.norms.0", "objective.norms.1", "output",
+    )  # fmt: skip
+    for path in expected:
+        assert f"  {path}:" in message, path
+    assert "Traceback" not in message
+    assert len(message.splitlines()) <= 2 + len(expected)
+    assert list(folder.glob("out*")) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run", "missing.toml"], "missing.toml"),
+        (["run", "config.toml", "--view.far"], "expected --section.key value"),
+        (["run", "config.toml", "--view.fra", "3"], "view.fra: unknown key"),
+        (["run", "config.toml", "--view", "3"], "view"),
+        (["solve", "--near", "1", "--far", "0.5", "--half-fov-deg", "30", "--theta-deg", "60"], "far: got 0.5"),
+        (["solve", "--near", "nan", "--far", "5", "--half-fov-deg", "30", "--theta-deg", "60"], "near: got nan"),
+        (["solve", "--near", "1", "--far", "5", "--half-fov-deg", "30", "--theta-deg", "60", "--x", "1"], "--x"),
+        (["rules", "--near", "1", "--far", "5", "--half-fov-deg", "90", "--theta-deg", "60"], "half_fov_deg: got 90"),
+    ],
+)
+def test_bad_input_exits_with_two_and_a_few_lines(folder, capsys, arguments, words):
+    assert invoke(*arguments) == 2
+    captured = capsys.readouterr()
+    message = captured.err + captured.out
+    assert words in message
+    assert "Traceback" not in message
+    assert len(message.splitlines()) <= 8
+
+
+def test_solve_and_rules_answer_in_json(folder, capsys):
+    problem = ["--near", "1", "--far", "100", "--half-fov-deg", "30", "--theta-deg", "90", "--json"]
+    assert invoke("solve", *problem) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["lambda"] == pytest.approx(11.0, rel=1e-13)  # n + sqrt(f n)
+    assert invoke("rules", *problem, "--metric", "q", "--norm", "2") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["rules"]["psm"]["ratio"] == pytest.approx(1.0, abs=1e-13)
+    assert answer["rules"]["ssm"] == {
+        "lambda": None, "lambda_over_mu": None, "no_warp": True, "defined": True, "ratio": pytest.approx(10.0),
+    }  # fmt: skip
+
+
+def test_schema_is_json_and_names_every_section(capsys):
+    cli.main(["schema"])
+    assert set(json.loads(capsys.readouterr().out)["properties"]) == {"view", "light", "objective", "output"}
+
+
+def test_a_failed_run_leaves_nothing_and_keeps_the_earlier_result(folder, monkeypatch):
+    assert invoke("run", "config.toml") == 0
+    before = {p.name: p.read_bytes() for p in (folder / "out").iterdir()}
+
+    def broken(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(run, "write_arrays", broken)
+    with pytest.raises(OSError, match="disk full"):
+        cli.main(["run", "config.toml"])
+    assert {p.name: p.read_bytes() for p in (folder / "out").iterdir()} == before
+    assert sorted(p.name for p in folder.iterdir()) == ["config.toml", "out"]
+
+
+def test_a_folder_that_is_no_result_is_refused_and_kept(folder, capsys):
+    (folder / "out").mkdir()
+    (folder / "out/thesis.txt").write_text("years of work")
+    assert invoke("run", "config.toml") == 2
+    assert "run.json" in capsys.readouterr().err
+    assert (folder / "out/thesis.txt").read_text() == "years of work"
+
+
+def test_a_result_is_replaced_whole(folder):
+    assert invoke("run", "config.toml") == 0
+    (folder / "out/stale.png").write_bytes(b"")
+    assert invoke("run", "config.toml", "--objective.metrics", "p") == 0
+    assert not (folder / "out/stale.png").exists()
+    assert sorted(p.name for p in folder.iterdir()) == ["config.toml", "out"]
+
+
+def test_help_and_refusals_do_not_wait_for_jax():
+    code = (
+        "import sys, warpopt.app.cli as cli\n"
+        "try:\n    cli.main(sys.argv[1:])\n"
+        "except SystemExit as e:\n    print('code', e.code)\n"
+        "print('jax' in sys.modules)\n"
+    )
+    for arguments, code_expected in ((["--help"], 0), (["run", "nowhere.toml"], 2)):
+        result = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
+        assert result.stdout.splitlines()[-2:] == [f"code {code_expected}", "False"]
+
+
+def test_a_view_list_gives_one_table_for_each_value(folder):
+    assert invoke("run", "config.toml", "--view.far", "[10, 1000]", "--objective.metrics", "p") == 0
+    arrays = np.load(folder / "out/table.npz")
+    assert arrays["eta"].shape == (1, 2, 4)
+    assert arrays["far"].tolist() == [10.0, 1000.0]
+    # at pi/2 the optimum of E_p in L-inf is sqrt(n/f)
+    np.testing.assert_allclose(arrays["eta"][0, :, 3], [math.sqrt(0.1), math.sqrt(0.001)], rtol=1e-14)
+
+
+def test_read_config_names_a_broken_file(folder):
+    (folder / "broken.toml").write_text("[view\n")
+    with pytest.raises(ConfigError, match="not a TOML file"):
+        read_config(folder / "broken.toml", [])
