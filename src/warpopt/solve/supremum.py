@@ -96,7 +96,9 @@ def _over_frustum(space: LightSpace, norm: ErrorNorm) -> Optimum:
             falling, (spread - c1) / (2 * c2), -2 * c0 / jnp.where(falling | ~helps, 1, c1 + spread)
         )
     Y = jnp.maximum(tie, root)
-    eta = jnp.where(helps, (Y - g) / (Y + h), 1)
+    # E_q alone ties at lambda = n a, where Y - g would cancel by up to f/n.
+    warped = (Y - g) / (Y + h) if alpha else kink(space)
+    eta = jnp.where(helps, warped, 1)
     outcome = jnp.where(helps, jnp.where(root > tie, Outcome.stationary, Outcome.tie), Outcome.no_warp)
     return _with_residual(space, norm, eta, jnp.where(helps, 1 / (Y + h), 0), outcome)
 
