@@ -31,7 +31,7 @@ EDGES = {
 POINTS = jnp.asarray(np.array(SMOOTH + list(EDGES.values())).T)  # (4, lanes)
 LANES = POINTS.shape[1]
 EDGE = {name: len(SMOOTH) + i for i, name in enumerate(EDGES)}
-OBJECTIVES = [("p", "inf"), ("q", "inf"), ("pxq", "inf"), ("p", "l2"), ("q", "l2"), ("pxq", "l1"), ("p", 1.7)]
+OBJECTIVES = [("p", "inf"), ("q", "inf"), ("pxq", "inf"), ("p", "l2"), ("q", "l2"), ("p", 1.7)]
 
 
 def solve(points, metric, norm):
@@ -41,31 +41,34 @@ def solve(points, metric, norm):
     return warpopt.optimal_warp(warpopt.ViewFrustum(near, far, half_fov), theta, metric, norm, measure, throw=False)
 
 
-def outputs(points, metric, norm):
-    solution = solve(points, metric, norm)
-    return jnp.stack([solution.warp.eta, solution.warp.lam, solution.value])
-
-
 @functools.lru_cache
-def derivatives(metric, norm):
-    """(outputs, forward, reverse, outcomes, solver): derivatives of shape (3 outputs, 4 inputs, lanes)."""
-    function = functools.partial(outputs, metric=metric, norm=norm)
+def compiled(metric, norm):
+    """points -> (outputs, forward, reverse, outcomes); derivatives have shape (3 outputs, 4 inputs, lanes)."""
+
+    def outputs(points):
+        solution = solve(points, metric, norm)
+        return jnp.stack([solution.warp.eta, solution.warp.lam, solution.value]), solution.result
 
     @jax.jit
     def everything(points):
         tangents = jnp.eye(4)[:, :, None] * jnp.ones(LANES)
-        value, forward = jax.vmap(lambda t: jax.jvp(function, (points,), (t,)), out_axes=(None, 1))(tangents)
-        _, pull = jax.vjp(function, points)
+        forward = jax.vmap(lambda t: jax.jvp(outputs, (points,), (t,), has_aux=True)[1], out_axes=1)(tangents)
+        value, pull, outcomes = jax.vjp(outputs, points, has_aux=True)
         cotangents = jnp.eye(3)[:, :, None] * jnp.ones(LANES)
-        return value, forward, jax.vmap(lambda c: pull(c)[0])(cotangents)
+        return value, forward, jax.vmap(lambda c: pull(c)[0])(cotangents), outcomes
 
-    return *(np.asarray(v) for v in everything(POINTS)), np.asarray(solve(POINTS, metric, norm).result), jax.jit(function)
+    return lambda points: tuple(np.asarray(v) for v in everything(points))
+
+
+@functools.lru_cache
+def derivatives(metric, norm):
+    return compiled(metric, norm)(POINTS)
 
 
 @pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
 def test_forward_equals_reverse_and_all_are_finite(metric, norm):
     """To 1e-13 of each lane's largest entry: the two modes sum the same products in another order."""
-    _, forward, reverse, outcomes, _ = derivatives(metric, norm)
+    _, forward, reverse, outcomes = derivatives(metric, norm)
     assert (outcomes <= Outcome.no_warp).all()
     assert np.isfinite(forward).all()
     assert np.isfinite(reverse).all()
@@ -81,12 +84,12 @@ def test_differences_of_the_whole_solve(metric, norm):
 
     So 1e-6 of the largest sensitivity, on lanes whose outcome is the same on both sides.
     """
-    _, forward, _, outcomes, function = derivatives(metric, norm)
+    _, forward, _, outcomes = derivatives(metric, norm)
     lanes = slice(0, len(SMOOTH))
     checked = 0
     for i in range(4):
-        step = 1e-5 * POINTS * jnp.eye(4)[i][:, None]
-        above, below = np.asarray(function(POINTS + step)), np.asarray(function(POINTS - step))
+        step = (1e-5 * POINTS * jnp.eye(4)[i][:, None]).at[:, len(SMOOTH) :].set(0)
+        above, below = (compiled(metric, norm)(POINTS + sign * step)[0] for sign in (1, -1))
         with np.errstate(invalid="ignore"):  # inf - inf, no warp on both sides
             difference = ((above - below) / 2e-5)[..., lanes]
         implicit = (forward[:, i] * POINTS[i])[..., lanes]
@@ -99,17 +102,35 @@ def test_differences_of_the_whole_solve(metric, norm):
     assert checked >= 4 * 3 * 4  # most lanes are not flat
 
 
-@pytest.mark.parametrize(("metric", "norm"), [("p", "inf"), ("p", "l2")])
-def test_check_grads(metric, norm):
-    """JAX's own ladder, both modes; second order too, through the implicit derivative of the root."""
+def test_check_grads():
+    """JAX's own ladder, both modes, on a stationary optimum, a tie and a far one."""
     point = POINTS[:, :3]
 
     @jax.jit
     def function(at):
-        solution = solve(at, metric, norm)
+        solution = solve(at, "p", "inf")
         return jnp.stack([jnp.log(solution.warp.eta), jnp.log(solution.value)])
 
-    check_grads(function, (point,), order=2, modes=("fwd", "rev"), atol=1e-4, rtol=1e-4, eps=1e-5)
+    check_grads(function, (point,), order=1, modes=("fwd", "rev"), atol=1e-5, rtol=1e-5, eps=1e-5)
+
+
+def test_second_derivative_through_the_implicit_one():
+    """d2 log(eta) / d log(far)2 of a bracketed root (E_p, L2), against a centred difference of the first derivative.
+
+    Step 1e-4: truncation 1e-8, rounding 1e-11.
+    """
+    point = POINTS[:, 0]
+
+    def log_eta(log_far):
+        return jnp.log(solve(point.at[1].set(jnp.exp(log_far)), "p", "l2").warp.eta)
+
+    @jax.jit
+    def both(log_far):
+        return jax.jvp(jax.grad(log_eta), (log_far,), (jnp.ones(()),))
+
+    at = jnp.log(point[1])
+    (_, second), (above, _), (below, _) = both(at), both(at + 1e-4), both(at - 1e-4)
+    assert float(second) == pytest.approx(float((above - below) / 2e-4), rel=1e-6)
 
 
 @pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
@@ -118,9 +139,10 @@ def test_no_gradient_of_eta_where_clamped(metric, norm):
 
     The value still depends on the frustum.
     """
-    values, forward, _, outcomes, _ = derivatives(metric, norm)
-    names = ("light along the view", "light against the view", "clamped")
-    for name in names:
+    values, forward, _, outcomes = derivatives(metric, norm)
+    # E_p's power means have no zone: any light off the view direction makes a warp pay
+    zone = () if metric == "p" and norm != "inf" else ("clamped",)
+    for name in ("light along the view", "light against the view", *zone):
         lane = EDGE[name]
         assert outcomes[lane] == Outcome.no_warp
         assert values[0, lane] == 1
@@ -132,12 +154,12 @@ def test_no_gradient_of_eta_where_clamped(metric, norm):
 @pytest.mark.parametrize(("metric", "norm"), [("p", "inf"), ("pxq", "inf"), ("p", "l2")])
 def test_left_derivative_at_theta_equal_phi(metric, norm):
     """mu kinks there. Second-order one-sided differences in theta from the left agree to 1e-5, from the right they don't."""
-    _, forward, _, _, function = derivatives(metric, norm)
+    _, forward, _, _ = derivatives(metric, norm)
     lane, h = EDGE["theta equals phi"], 1e-5
-    shift = jnp.zeros((4, 1)).at[3].set(h)
+    shift = jnp.zeros((4, LANES)).at[3, lane].set(h)
 
     def one_sided(sign):
-        at = [np.asarray(function(POINTS + sign * k * shift))[:, lane] for k in range(3)]
+        at = [compiled(metric, norm)(POINTS + sign * k * shift)[0][:, lane] for k in range(3)]
         return sign * (-3 * at[0] + 4 * at[1] - at[2]) / (2 * h)
 
     implicit = forward[:, 3, lane]
@@ -154,13 +176,13 @@ def test_every_mechanism_is_differentiated():
 
 def test_overhead_gradient_is_lispsms():
     """lambda = n + sqrt(f n) at pi/2: d/dn = 1 + sqrt(f/n)/2 = 6 and d/df = sqrt(n/f)/2 = 0.05, by hand."""
-    _, forward, _, _, _ = derivatives("p", "inf")
+    _, forward, _, _ = derivatives("p", "inf")
     np.testing.assert_allclose(forward[1, :2, EDGE["overhead"]], [6.0, 0.05], rtol=1e-12)
 
 
 def test_the_values_derivative_ignores_eta_where_stationary():
     """The envelope theorem: at a smooth optimum d value = the partial derivative at fixed eta, to 1e-7 of its size."""
-    _, forward, _, outcomes, _ = derivatives("p", "l2")
+    _, forward, _, outcomes = derivatives("p", "l2")
     eta = solve(POINTS, "p", "l2").warp.eta
 
     def fixed(points):

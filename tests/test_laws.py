@@ -16,7 +16,7 @@ EPS = np.finfo(np.float64).eps
 BATCH = 16
 RULES = ("ssm", "psm", "lispsm", "tsm", "tsm_alternative", "minimum_norm", "scherzer")
 OBJECTIVES = [("p", "inf"), ("q", "inf"), ("pxq", "inf"), ("p", "l2"), ("q", "l1"), ("pxq", "l1")]
-law = settings(deadline=None, max_examples=12, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+law = settings(deadline=None, max_examples=8, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 
 numbers = st.lists(st.floats(0, 1), min_size=BATCH, max_size=BATCH).map(np.array)
 
