@@ -1,0 +1,124 @@
+"""Laws that hold for every frustum and light, on random ones.
+
+Every draw is one fixed-length batch, so that each (metric, norm) is compiled once.
+"""
+
+import hypothesis.strategies as st
+import jax
+import numpy as np
+import pytest
+import scenes
+from hypothesis import HealthCheck, given, settings
+
+import warpopt
+
+EPS = np.finfo(np.float64).eps
+BATCH = 16
+RULES = ("ssm", "psm", "lispsm", "tsm", "tsm_alternative", "minimum_norm", "scherzer")
+OBJECTIVES = [("p", "inf"), ("q", "inf"), ("pxq", "inf"), ("p", "l2"), ("q", "l1"), ("pxq", "l1")]
+law = settings(deadline=None, max_examples=8, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+
+numbers = st.lists(st.floats(0, 1), min_size=BATCH, max_size=BATCH).map(np.array)
+
+
+@st.composite
+def views(draw):
+    """(near, f/n, half_fov, theta): n over six decades, f/n in 1.05 .. 1e5, any direction in [0, pi]."""
+    a, b, c, d = (draw(numbers) for _ in range(4))
+    return 10 ** (6 * a - 3), 1.05 * 1e5**b, 0.02 + 1.4 * c, np.pi * d
+
+
+@jax.jit
+def every_rule(frustum, theta):
+    warps = [getattr(warpopt.rules, name)(frustum, theta) for name in RULES]
+    return jax.tree.map(lambda *fields: jax.numpy.stack(fields), *warps)
+
+
+@pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
+@given(view=views())
+@law
+def test_no_rule_beats_the_optimum(metric, norm, view):
+    """value(rule) / value(optimum) >= 1 - 1e-13, for every rule at once."""
+    near, ratio, half_fov, theta = view
+    frustum = warpopt.ViewFrustum(near, near * ratio, half_fov)
+    best = warpopt.optimal_warp(frustum, theta, metric, norm)
+    values = warpopt.error_norm(frustum, theta, every_rule(frustum, theta), metric, norm)
+    assert bool((values / best.value >= 1 - 1e-13).all())
+
+
+@pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
+@given(view=views())
+@law
+def test_the_norm_falls_then_rises(metric, norm, view):
+    """Pseudo-convexity: along log(eta) no value is a strict interior maximum, and the optimum sits at the bottom."""
+    near, ratio, half_fov, theta = view
+    frustum = warpopt.ViewFrustum(near, near * ratio, half_fov)
+    best = warpopt.optimal_warp(frustum, theta, metric, norm)
+    eta = np.exp(np.linspace(np.log(1e-7), 0, 7))[:, None] * np.ones(BATCH)
+    values = np.asarray(warpopt.error_norm(frustum, theta, warpopt.Warp.from_eta(eta, 1.0), metric, norm))
+    inner, before, after = values[1:-1], values[:-2], values[2:]
+    assert (inner <= np.maximum(before, after) * (1 + 1e-13)).all()
+    assert (values >= np.asarray(best.value) * (1 - 1e-13)).all()
+    # left of the optimum the norm falls with eta, right of it it rises
+    left = eta[1:] <= np.asarray(best.warp.eta)
+    right = eta[:-1] >= np.asarray(best.warp.eta)
+    steps = np.diff(values, axis=0) / values[:-1]
+    assert (steps[left] <= 1e-13).all()
+    assert (steps[right] >= -1e-13).all()
+
+
+@pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
+@given(view=views(), scale=st.floats(1e-3, 1e3))
+@law
+def test_scaling_lengths_leaves_eta_alone(metric, norm, view, scale):
+    """eta and the value do not depend on units. f/n is rounded anew: eta moves by its condition number, kept below 1e4."""
+    near, ratio, half_fov, theta = view
+    far = near * ratio
+    one = warpopt.optimal_warp(warpopt.ViewFrustum(near, far, half_fov), theta, metric, norm)
+    power = 2.0 ** np.round(np.log2(scale))  # exact in binary: then nothing at all may change
+    same = warpopt.optimal_warp(warpopt.ViewFrustum(power * near, power * far, half_fov), theta, metric, norm)
+    np.testing.assert_array_equal(same.warp.eta, one.warp.eta)
+    np.testing.assert_array_equal(same.value, one.value)
+    other = warpopt.optimal_warp(warpopt.ViewFrustum(scale * near, scale * far, half_fov), theta, metric, norm)
+    np.testing.assert_allclose(other.value, one.value, rtol=1e4 * EPS)
+
+
+@pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
+@given(view=views())
+@law
+def test_mirrored_light(metric, norm, view):
+    """theta and pi - theta have one value; pi - theta is rounded at eps, which the value feels through 1/sin at most."""
+    near, ratio, half_fov, theta = view
+    theta = np.clip(theta, 1e-3, np.pi - 1e-3)
+    frustum = warpopt.ViewFrustum(near, near * ratio, half_fov)
+    here = warpopt.optimal_warp(frustum, theta, metric, norm)
+    there = warpopt.optimal_warp(frustum, np.pi - theta, metric, norm)
+    np.testing.assert_allclose(there.value, here.value, rtol=1e-10)
+
+
+@pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
+@given(view=views())
+@law
+def test_continuity_across_theta_equal_phi(metric, norm, view):
+    """At theta = phi (1 +- 1e-9) the values agree to 1e-6; eta too, except for E_q in L-inf and L1, whose eta jumps."""
+    near, ratio, half_fov, _ = view
+    ratio = np.minimum(ratio, 1e3)  # the slopes on both sides grow with f/n
+    half_fov = np.maximum(half_fov, 0.1)
+    frustum = warpopt.ViewFrustum(near, near * ratio, half_fov)
+    below, above = (
+        warpopt.optimal_warp(frustum, half_fov * factor, metric, norm) for factor in (1 - 1e-9, 1 + 1e-9)
+    )
+    np.testing.assert_allclose(above.value, below.value, rtol=1e-5)
+    if metric != "q":
+        np.testing.assert_allclose(above.warp.eta, below.warp.eta, rtol=1e-5)
+
+
+def test_e_q_jumps_where_f_a_equals_n_b():
+    """L-inf E_q: no warp below tan(theta) = tan(phi) (f + n) / (f - n), lambda = n a above; the value is continuous."""
+    n, f = 1.0, 100.0
+    frustum = warpopt.ViewFrustum(n, f, scenes.PHI)
+    jump = np.arctan(np.tan(scenes.PHI) * (f + n) / (f - n))
+    solution = warpopt.optimal_warp(frustum, np.array([jump - 1e-9, jump + 1e-9]), "q", "inf")
+    assert float(solution.warp.eta[0]) == 1
+    assert float(solution.warp.eta[1]) < 1e-3
+    np.testing.assert_allclose(solution.value, 2 * f / n, rtol=1e-5)

@@ -1,0 +1,154 @@
+"""Optima against the twin's search, which knows raw geometry and the definition of a norm and nothing else."""
+
+import functools
+
+import numpy as np
+import pytest
+import scenes
+import twin
+from twin import mp, mpf
+
+import warpopt
+
+EPS = np.finfo(np.float64).eps
+EXPONENTS = {"p": (1, 0), "q": (0, 1), "pxq": (1, 1)}
+FRUSTUM, THETA = scenes.batch()
+
+
+def oracle(scene, exponents, norm, measure):
+    order = {"l1": 1, "l2": 2}.get(norm, norm)
+    if norm == "inf":
+        return functools.partial(scene.supremum, *exponents, axis=measure == "axis")
+    return twin.PowerMean(scene, *exponents, order, measure)
+
+
+def check_against_search(solution, exponents, norm, measure, cases=scenes.CASES, width=1e-20):
+    """eta to 1e-12 and lambda to 1e-10 max(1, lambda / mu), relatively; the value to 500 eps."""
+    eta, lam, value = (np.asarray(v) for v in (solution.warp.eta, solution.warp.lam, solution.value))
+    for i, scene in enumerate(scenes.twins(cases)):
+        function = oracle(scene, exponents, norm, measure)
+        exact_eta, exact_lam, exact_value = twin.search(scene, function, width=width)
+        where = f"{cases[i].tag}: {eta[i]} for {mp.nstr(exact_eta, 20)}"
+        assert abs(float(mpf(float(eta[i])) / exact_eta - 1)) < 1e-12, where
+        if exact_eta < 1 - mpf(10) ** -9:
+            allowed = 1e-10 * max(1.0, float(exact_lam / scene.mu))
+            assert abs(float(mpf(float(lam[i])) / exact_lam - 1)) < allowed, where
+        if solution.result[i] == warpopt.Outcome.no_warp:
+            assert eta[i] == 1
+            assert lam[i] == np.inf
+        assert abs(float(mpf(float(value[i])) / exact_value - 1)) < 500 * EPS, where
+
+
+@pytest.mark.parametrize("measure", ["screen", "axis"])
+@pytest.mark.parametrize("norm", ["inf", "l1", "l2"])
+@pytest.mark.parametrize("metric", ["p", "q", "pxq"])
+def test_optimum(metric, norm, measure):
+    check_against_search(
+        warpopt.optimal_warp(FRUSTUM, THETA, metric, norm, measure), EXPONENTS[metric], norm, measure
+    )
+
+
+@pytest.mark.parametrize(
+    ("metric", "norm", "measure"),
+    [("p", "l2", "volume"), ("pxq", "l1", "log_depth"), ("q", "l2", "ground"), ("p", "l1", "ground")],
+)
+def test_optimum_in_other_measures(metric, norm, measure):
+    check_against_search(
+        warpopt.optimal_warp(FRUSTUM, THETA, metric, norm, measure), EXPONENTS[metric], norm, measure
+    )
+
+
+@pytest.mark.parametrize(
+    ("metric", "norm", "measure"),
+    [
+        (warpopt.Metric(1, 0), 2.5, "axis"),
+        (warpopt.Metric(0.7, 0.3), 1.5, "screen"),
+    ],
+)
+def test_optimum_of_real_orders(metric, norm, measure):
+    """The quadrature's path. The search is 1e-13 wide here: each of its steps is an integral."""
+    cases = [c for c in scenes.CASES if c.tag in ("below phi", "mirrored, near the top")]
+    solution = warpopt.optimal_warp(*scenes.batch(cases), metric, norm, measure)
+    check_against_search(solution, (metric.alpha, metric.beta), norm, measure, cases, width=1e-13)
+
+
+def test_optimum_of_a_mixed_metric():
+    """Exponents that are not whole but whose M is: Metric(0.5, 1), L1, has M = 2 and moments."""
+    metric = warpopt.Metric(0.5, 1)
+    check_against_search(warpopt.optimal_warp(FRUSTUM, THETA, metric, "l1"), (0.5, 1), "l1", "screen")
+
+
+def test_moments_and_quadrature_agree():
+    """Two independent paths to one number: order 2 by moments, order 2 + 1e-9 by quadrature.
+
+    d log(eta) / d order is of order one, so that 1e-8 is the order's own effect, and the value moves as little.
+    """
+    by_moments = warpopt.optimal_warp(FRUSTUM, THETA, "q", 2.0)
+    by_quadrature = warpopt.optimal_warp(FRUSTUM, THETA, "q", 2 + 1e-9)
+    np.testing.assert_allclose(by_quadrature.warp.eta, by_moments.warp.eta, rtol=1e-8)
+    np.testing.assert_allclose(by_quadrature.value, by_moments.value, rtol=1e-8)
+
+
+def test_the_iterative_path_reaches_the_closed_forms():
+    """E_p L1 and E_q L2 are closed; the bracketed Newton gives the same to its own tolerance, a few eps."""
+    for metric, norm in (("p", "l1"), ("q", "l2")):
+        closed = warpopt.optimal_warp(FRUSTUM, THETA, metric, norm)
+        iterated = warpopt.optimal_warp(FRUSTUM, THETA, metric, norm, method="iterative")
+        # the residual bounds the error of log(eta), and is itself a rounded difference of two logarithms
+        np.testing.assert_array_less(iterated.residual, 1e-13)
+        np.testing.assert_allclose(iterated.warp.eta, closed.warp.eta, rtol=1e-12)
+
+
+def test_values_are_norms_of_the_optimal_warps():
+    for metric, norm in (("p", "inf"), ("pxq", "l2")):
+        solution = warpopt.optimal_warp(FRUSTUM, THETA, metric, norm)
+        recomputed = warpopt.error_norm(FRUSTUM, THETA, solution.warp, metric, norm)
+        np.testing.assert_allclose(recomputed, solution.value, rtol=4 * EPS)
+
+
+def test_norms_of_any_warp_equal_the_twin():
+    """Not at optima only: three warps on every scene, L1, L2 and L-inf, to the moments' 500 eps."""
+    for metric, norm in (("p", "inf"), ("pxq", "inf"), ("p", "l2"), ("q", "l1")):
+        norms = [oracle(scene, EXPONENTS[metric], norm, "screen") for scene in scenes.twins()]
+        for eta in (1e-3, 0.2, 0.95):
+            warp = warpopt.Warp.from_eta(np.full(len(norms), eta), 1.0)
+            got = np.asarray(warpopt.error_norm(FRUSTUM, THETA, warp, metric, norm))
+            exact = [f(s.lam(mpf(eta))) for f, s in zip(norms, scenes.twins(), strict=True)]
+            np.testing.assert_allclose(got, [float(e) for e in exact], rtol=500 * EPS)
+
+
+def test_twin_norms_agree_with_plain_integration():
+    """The oracle's own check: two nested quadratures over (z, y) of the error itself, no antiderivative."""
+    scene = twin.Scene(1.0, 20.0, 0.5, 0.7)
+    lam = mpf("3.7")
+    norm = twin.PowerMean(scene, 1, 1, 2, "screen")
+    mp.dps = 15
+    try:
+
+        def over_heights(integrand, z):
+            return mp.quad(lambda y: integrand(y, z), [-z * scene.tan_phi, z * scene.tan_phi], method="gauss-legendre")
+
+        def over_view(integrand):
+            # screen: z^-2 dx dy dz, dx giving 2 z tan(phi); dz = z d(log z)
+            return mp.quad(
+                lambda t: over_heights(integrand, mp.exp(t)) * 2 * scene.tan_phi, [0, mp.log(20)],
+                method="gauss-legendre",
+            )
+
+        plain = mp.sqrt(over_view(lambda y, z: scene.error(1, 1, lam, y, z) ** 2) / over_view(lambda y, z: mpf(1)))
+        assert abs(plain / norm(lam) - 1) < mpf(10) ** -13
+    finally:
+        mp.dps = 60
+
+
+def test_the_maximum_is_at_a_corner():
+    """The L-inf oracle looks at corners only; a dense grid of points never exceeds them."""
+    s, r = np.meshgrid(np.linspace(-1, 1, 41), np.linspace(0, 1, 41))
+    for metric, exponents in EXPONENTS.items():
+        for eta in (0.003, 0.1, 0.9):
+            warp = warpopt.Warp.from_eta(eta, 1.0)
+            z = np.asarray(FRUSTUM.near) * (1 - r[..., None]) + np.asarray(FRUSTUM.far) * r[..., None]
+            u = (1 + s[..., None]) / 2
+            grid = np.asarray(warpopt.aliasing_error_uz(FRUSTUM, THETA, warp, u, z, metric))
+            corners = [float(t.supremum(*exponents, t.lam(mpf(eta)))) for t in scenes.twins()]
+            np.testing.assert_allclose(grid.max((0, 1)), corners, rtol=64 * EPS)
