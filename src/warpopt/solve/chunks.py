@@ -1,16 +1,20 @@
-"""Large batches in pieces that stay in cache, inside one compiled call."""
+"""Large batches: in pieces that stay in cache inside a compiled call, and in calls of one fixed shape."""
 
 import math
 from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, PyTree
 
 # A solve keeps about a hundred numbers a problem in flight. 32,768 problems are 26 MB of them in double precision, about
 # the last-level cache of a desktop processor; a GPU wants them all at once, within its memory.
 _CHUNK = {"cpu": 32_768}
 _CHUNK_ELSEWHERE = 4_194_304
+# Beyond this many problems, one compiled call after another on this one shape: memory stays bounded, and a new size
+# costs no new compilation.
+_BLOCK = 1_048_576
 
 
 def in_chunks(function: Callable[..., PyTree], *args: PyTree) -> PyTree:
@@ -26,6 +30,7 @@ def in_chunks(function: Callable[..., PyTree], *args: PyTree) -> PyTree:
     if size <= chunk:
         return jax.tree.map(lambda out: jnp.broadcast_to(out, shape), function(*args))
     count = -(-size // chunk)
+    chunk = -(-size // count)  # equal pieces: no padding to speak of
     single = [leaf.size == 1 for leaf in leaves]
 
     def pieces(leaf: Array) -> Array:
@@ -40,3 +45,26 @@ def in_chunks(function: Callable[..., PyTree], *args: PyTree) -> PyTree:
         return jax.tree.map(lambda out: jnp.broadcast_to(out, (chunk,)), function(*jax.tree.unflatten(structure, whole)))
 
     return jax.tree.map(lambda out: out.ravel()[:size].reshape(shape), jax.lax.map(one_chunk, many))
+
+
+def in_blocks(compiled: Callable[..., PyTree], *args: PyTree) -> PyTree:
+    """compiled(*args) like `in_chunks`, for concrete arrays of any size; a traced or smaller batch is one call."""
+    leaves, structure = jax.tree.flatten(args)
+    shape = jnp.broadcast_shapes(*(leaf.shape for leaf in leaves))
+    size = math.prod(shape)
+    if size <= _BLOCK or any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+        return compiled(*args)
+    flat = [leaf if leaf.size == 1 else np.broadcast_to(leaf, shape).reshape(-1) for leaf in map(np.asarray, leaves)]
+    out = None
+    for start in range(0, size, _BLOCK):
+        stop = min(start + _BLOCK, size)
+        block = [leaf if leaf.size == 1 else _padded(leaf[start:stop]) for leaf in flat]
+        parts, parts_structure = jax.tree.flatten(compiled(*jax.tree.unflatten(structure, block)))
+        out = out or [np.empty(size, part.dtype) for part in parts]
+        for whole, part in zip(out, parts, strict=True):
+            whole[start:stop] = np.asarray(part)[: stop - start]
+    return jax.tree.unflatten(parts_structure, [jnp.asarray(whole.reshape(shape)) for whole in out])
+
+
+def _padded(piece: np.ndarray) -> np.ndarray:
+    return piece if piece.size == _BLOCK else np.pad(piece, (0, _BLOCK - piece.size), mode="edge")

@@ -9,15 +9,15 @@ from jaxtyping import Array, Float, Int
 from numpy.typing import ArrayLike
 
 from .._numerics import power, staged
-from ..receivers.whole_frustum import moments
+from ..receivers.whole_frustum import Moments, moments
 from ..theory.error_norm import ErrorNorm, Metric
 from ..theory.frustum import ViewFrustum
 from ..theory.light_space import LightSpace, checked_theta
 from ..theory.warp import Warp
-from .chunks import in_chunks
+from .chunks import in_blocks, in_chunks
 from .outcome import Outcome, failed
 from .power_mean import minimise_power_mean
-from .quadrature import QuadratureMean, has_moments
+from .quadrature import QuadratureMean, default_nodes, has_moments
 from .supremum import minimise_supremum, scale_of_errors, supremum_norm
 
 
@@ -47,6 +47,7 @@ def optimal_warp(
     measure: str = "screen",
     *,
     method: str = "auto",
+    quadrature_nodes: int | None = None,
     throw: bool = True,
 ) -> Solution:
     """The warp that minimises the norm of an aliasing error over the view frustum; the global minimum.
@@ -58,6 +59,8 @@ def optimal_warp(
         norm: "inf", "l1", "l2" or any real order >= 1 (a power mean over the measure).
         measure: "volume", "screen", "log_depth", "ground" or "axis".
         method: "auto" solves in closed form what has one; "iterative" forces the root finder everywhere.
+        quadrature_nodes: nodes over the depth for norms whose M = (2 alpha + beta) order is not an integer, which are
+            integrated numerically (default: 64 and more for large orders); given, it forces that for every L_P norm.
         throw: raise if any problem failed; otherwise `Solution.result` tells.
 
     Raises:
@@ -77,7 +80,9 @@ def optimal_warp(
     if method not in ("auto", "iterative"):
         raise ValueError(f"method: got {method!r}, expected 'auto' or 'iterative'")
     error_norm = ErrorNorm.of(metric, norm, measure)
-    solution = _solve(frustum, checked_theta(theta, frustum), error_norm, method == "iterative")
+    nodes = _checked_nodes(quadrature_nodes)
+    solve = functools.partial(_solve, norm=error_norm, iterative=method == "iterative", nodes=nodes)
+    solution = in_blocks(solve, frustum, checked_theta(theta, frustum))
     return _raised(solution) if throw else solution
 
 
@@ -88,6 +93,8 @@ def error_norm(
     metric: str | Metric = "p",
     norm: str | float = "inf",
     measure: str = "screen",
+    *,
+    quadrature_nodes: int | None = None,
 ) -> Float[Array, "..."]:
     """The norm of an aliasing error over the view frustum, for any warp. Arguments and errors as `optimal_warp`.
 
@@ -99,17 +106,26 @@ def error_norm(
         >>> round(float(unwarped / best), 2)
         10.0
     """
-    return _norm_of(frustum, checked_theta(theta, frustum), warp.eta, ErrorNorm.of(metric, norm, measure))
+    evaluate = functools.partial(
+        _norm_of, norm=ErrorNorm.of(metric, norm, measure), nodes=_checked_nodes(quadrature_nodes)
+    )
+    return in_blocks(evaluate, frustum, checked_theta(theta, frustum), warp.eta)
 
 
-def _prepared(frustum: ViewFrustum, theta: Array, norm: ErrorNorm):
+def _checked_nodes(nodes: int | None) -> int | None:
+    if nodes is not None and (isinstance(nodes, bool) or not isinstance(nodes, int) or nodes < 2):
+        raise ValueError(f"quadrature_nodes: got {nodes!r}, expected an integer >= 2, or None")
+    return nodes
+
+
+def _prepared(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, nodes: int | None):
     """The light space, and for L_P norms their few numbers."""
     space = staged(LightSpace, frustum, theta)
     if norm.supremum:
         return space, None
-    if has_moments(norm):
+    if has_moments(norm) and nodes is None:
         return space, staged(functools.partial(moments, norm=norm), space)
-    return space, QuadratureMean(space, norm)
+    return space, QuadratureMean(space, norm, nodes or default_nodes(norm))
 
 
 def _norm(space: LightSpace, mean, eta: Array, norm: ErrorNorm) -> Array:
@@ -118,25 +134,27 @@ def _norm(space: LightSpace, mean, eta: Array, norm: ErrorNorm) -> Array:
     return mean.power_mean(eta, norm) * scale_of_errors(space, eta, norm) / power(eta, norm.metric.alpha)
 
 
-@functools.partial(jax.jit, static_argnames=("norm",))
-def _norm_of(frustum: ViewFrustum, theta: Array, eta: Array, norm: ErrorNorm) -> Array:
+@functools.partial(jax.jit, static_argnames=("norm", "nodes"))
+def _norm_of(frustum: ViewFrustum, theta: Array, eta: Array, norm: ErrorNorm, nodes: int | None) -> Array:
     def evaluate(frustum: ViewFrustum, theta: Array, eta: Array) -> Array:
-        space, mean = _prepared(frustum, theta, norm)
+        space, mean = _prepared(frustum, theta, norm, nodes)
         return _norm(space, mean, eta, norm)
 
     return in_chunks(evaluate, frustum, theta, eta)
 
 
-@functools.partial(jax.jit, static_argnames=("norm", "iterative"))
-def _solve(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool) -> Solution:
-    return in_chunks(functools.partial(_solve_chunk, norm=norm, iterative=iterative), frustum, theta)
+@functools.partial(jax.jit, static_argnames=("norm", "iterative", "nodes"))
+def _solve(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool, nodes: int | None) -> Solution:
+    return in_chunks(functools.partial(_solve_chunk, norm=norm, iterative=iterative, nodes=nodes), frustum, theta)
 
 
-def _solve_chunk(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool) -> Solution:
-    space, mean = _prepared(frustum, theta, norm)
+def _solve_chunk(
+    frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool, nodes: int | None
+) -> Solution:
+    space, mean = _prepared(frustum, theta, norm, nodes)
     if norm.supremum:
         optimum = minimise_supremum(space, norm, iterative)
-    elif has_moments(norm):
+    elif isinstance(mean, Moments):
         optimum = minimise_power_mean(space, mean, norm, iterative)
     else:
         optimum = mean.minimise()

@@ -20,13 +20,17 @@ from .bracketed_newton import increasing_root
 from .outcome import Outcome
 from .supremum import Optimum, kink
 
-DEFAULT_NODES = 64
 _LARGEST_MOMENT_DEGREE = 16
 
 
 def has_moments(norm: ErrorNorm) -> bool:
     """Whether the norm's M is an integer, and small enough for its binomials to cost no digits."""
     return norm.blend_degree == round(norm.blend_degree) and norm.blend_degree <= _LARGEST_MOMENT_DEGREE
+
+
+def default_nodes(norm: ErrorNorm) -> int:
+    """Enough for rounding up to f/n = 1e12 at small orders; large orders peak over a width of 1/M."""
+    return min(64 + round(norm.blend_degree), 256)
 
 
 class _Piece(NamedTuple):
@@ -41,7 +45,7 @@ class QuadratureMean(eqx.Module):
 
     space: LightSpace
     norm: ErrorNorm = eqx.field(static=True)
-    nodes: int = eqx.field(static=True, default=DEFAULT_NODES)
+    nodes: int = eqx.field(static=True)
 
     def power_mean(self, eta: Float[Array, "..."], norm: ErrorNorm) -> Float[Array, "..."]:
         """(integral of A^M (z/n)^-rP dm / integral of dm)^(1/P)."""
