@@ -114,8 +114,10 @@ def test_the_errors_are_derivatives_along_lines():
     # autodiff and formula round it differently: leave those out, they are few.
     s, c = np.sin(theta), np.cos(theta)
     rate = s - ky * c
-    z_w = mu / np.asarray(warp.one_minus_eta) * np.asarray(
-        warpopt.LightSpace(frustum, theta).depth_yz(y, z).blend(warp.eta)
+    z_w = (
+        mu
+        / np.asarray(warp.one_minus_eta)
+        * np.asarray(warpopt.LightSpace(frustum, theta).depth_yz(y, z).blend(warp.eta))
     )
     steady = (np.abs(kx - x / z) > 0.05) & (np.abs(ky - y / z) > 0.05) & (np.abs(rate) > 0.05)
     steady &= np.abs(kx - x / z_w * rate) > 0.05 * (np.abs(kx) + np.abs(x / z_w * rate))

@@ -1,4 +1,4 @@
-"""Derivatives of eta, lambda and the value: implicit, checked against differences of the whole solve, finite everywhere."""
+"""Derivatives of eta, lambda and the value: implicit, equal to differences of the solve, finite."""
 
 import functools
 
@@ -15,8 +15,14 @@ from warpopt import Outcome
 PHI = scenes.PHI
 # near, far, half_fov, theta
 SMOOTH = [
-    (1.0, 100.0, PHI, np.pi / 3), (1.0, 100.0, PHI, 0.25), (0.3, 40.0, 0.8, 1.2), (20.0, 70.0, 0.4, 2.2),
-    (2.0, 2.6, 0.3, 1.1), (0.1, 1000.0, 0.7, 0.4), (1.0, 30.0, 0.9, 1.45),
+    (1.0, 100.0, PHI, np.pi / 3),
+    (1.0, 100.0, PHI, 0.25),
+    (0.3, 40.0, 0.8, 1.2),
+    (20.0, 70.0, 0.4, 2.2),
+    (2.0, 2.6, 0.3, 1.1),
+    (1.0, 100.0, PHI, 0.571),
+    (0.1, 1000.0, 0.7, 0.4),
+    (1.0, 30.0, 0.9, 1.45),
 ]
 EDGES = {
     "light along the view": (1.0, 100.0, PHI, 0.0),
@@ -31,7 +37,15 @@ EDGES = {
 POINTS = jnp.asarray(np.array(SMOOTH + list(EDGES.values())).T)  # (4, lanes)
 LANES = POINTS.shape[1]
 EDGE = {name: len(SMOOTH) + i for i, name in enumerate(EDGES)}
-OBJECTIVES = [("p", "inf"), ("q", "inf"), ("pxq", "inf"), ("p", "l2"), ("q", "l2"), ("p", 1.7)]
+# What fixes the optimum on these lanes: together, every mechanism.
+OBJECTIVES = {
+    ("p", "inf"): {Outcome.stationary, Outcome.tie, Outcome.no_warp},
+    ("q", "inf"): {Outcome.tie, Outcome.no_warp},
+    ("pxq", "inf"): {Outcome.tie, Outcome.no_warp},
+    ("p", "l2"): {Outcome.stationary, Outcome.no_warp},
+    ("q", "l2"): {Outcome.stationary, Outcome.kink, Outcome.no_warp},
+    ("p", 1.7): {Outcome.stationary, Outcome.no_warp},
+}
 
 
 def solve(points, metric, norm):
@@ -65,10 +79,10 @@ def derivatives(metric, norm):
     return compiled(metric, norm)(POINTS)
 
 
-@pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
-def test_forward_equals_reverse_and_all_are_finite(metric, norm):
+def check_forward_equals_reverse_and_all_are_finite(metric, norm):
     """To 1e-13 of each lane's largest entry: the two modes sum the same products in another order."""
     _, forward, reverse, outcomes = derivatives(metric, norm)
+    assert {Outcome(o) for o in outcomes} >= OBJECTIVES[metric, norm]
     assert (outcomes <= Outcome.no_warp).all()
     assert np.isfinite(forward).all()
     assert np.isfinite(reverse).all()
@@ -78,8 +92,7 @@ def test_forward_equals_reverse_and_all_are_finite(metric, norm):
     assert (np.abs(forward - reverse) <= 1e-13 * scale + 1e-300).all()
 
 
-@pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
-def test_differences_of_the_whole_solve(metric, norm):
+def check_differences_of_the_whole_solve(metric, norm):
     """Centred, step 1e-5: truncation 1e-10 times the third derivative, rounding 1e-15 / 1e-5 times the condition.
 
     So 1e-6 of the largest sensitivity, on lanes whose outcome is the same on both sides.
@@ -115,14 +128,16 @@ def test_check_grads():
 
 
 def test_second_derivative_through_the_implicit_one():
-    """d2 log(eta) / d log(far)2 of a bracketed root (E_p, L2), against a centred difference of the first derivative.
+    """d2 log(eta) / d log(far)2 of a bracketed root (E_p, L-inf, iterated), against a centred difference of the first derivative.
 
     Step 1e-4: truncation 1e-8, rounding 1e-11.
     """
-    point = POINTS[:, 0]
+    point = POINTS[:, 1]
 
     def log_eta(log_far):
-        return jnp.log(solve(point.at[1].set(jnp.exp(log_far)), "p", "l2").warp.eta)
+        frustum = warpopt.ViewFrustum(point[0], jnp.exp(log_far), point[2])
+        solution = warpopt.optimal_warp(frustum, point[3], "p", "inf", method="iterative", throw=False)
+        return jnp.log(solution.warp.eta)
 
     @jax.jit
     def both(log_far):
@@ -133,8 +148,7 @@ def test_second_derivative_through_the_implicit_one():
     assert float(second) == pytest.approx(float((above - below) / 2e-4), rel=1e-6)
 
 
-@pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
-def test_no_gradient_of_eta_where_clamped(metric, norm):
+def check_no_gradient_of_eta_where_clamped(metric, norm):
     """A light along the view, a light against it, and inside the no-warp zone: eta = 1, lambda = inf, both flat.
 
     The value still depends on the frustum.
@@ -151,9 +165,8 @@ def test_no_gradient_of_eta_where_clamped(metric, norm):
         assert forward[2, 0, lane] != 0
 
 
-@pytest.mark.parametrize(("metric", "norm"), [("p", "inf"), ("pxq", "inf"), ("p", "l2")])
-def test_left_derivative_at_theta_equal_phi(metric, norm):
-    """mu kinks there. Second-order one-sided differences in theta from the left agree to 1e-5, from the right they don't."""
+def check_left_derivative_at_theta_equal_phi(metric, norm):
+    """mu kinks there. Second-order one-sided differences in theta from the left agree to 1e-5, from the right not."""
     _, forward, _, _ = derivatives(metric, norm)
     lane, h = EDGE["theta equals phi"], 1e-5
     shift = jnp.zeros((4, LANES)).at[3, lane].set(h)
@@ -168,28 +181,36 @@ def test_left_derivative_at_theta_equal_phi(metric, norm):
     assert (np.abs(right / implicit - 1) > 1e-2).any()
 
 
-def test_every_mechanism_is_differentiated():
-    """The lanes above cover a root, a tie, a kink and no warp."""
-    seen = {int(o) for objective in OBJECTIVES for o in derivatives(*objective)[3]}
-    assert seen >= {Outcome.stationary, Outcome.tie, Outcome.kink, Outcome.no_warp}
-
-
-def test_overhead_gradient_is_lispsms():
+def check_overhead_gradient_is_lispsms(metric, norm):
     """lambda = n + sqrt(f n) at pi/2: d/dn = 1 + sqrt(f/n)/2 = 6 and d/df = sqrt(n/f)/2 = 0.05, by hand."""
-    _, forward, _, _ = derivatives("p", "inf")
+    _, forward, _, _ = derivatives(metric, norm)
     np.testing.assert_allclose(forward[1, :2, EDGE["overhead"]], [6.0, 0.05], rtol=1e-12)
 
 
-def test_the_values_derivative_ignores_eta_where_stationary():
+def check_envelope(metric, norm):
     """The envelope theorem: at a smooth optimum d value = the partial derivative at fixed eta, to 1e-7 of its size."""
-    _, forward, _, outcomes = derivatives("p", "l2")
-    eta = solve(POINTS, "p", "l2").warp.eta
+    _, forward, _, outcomes = derivatives(metric, norm)
+    eta = derivatives(metric, norm)[0][0]
 
     def fixed(points):
         near, far, half_fov, theta = points
-        warp = warpopt.Warp.from_eta(jax.lax.stop_gradient(eta), 1.0)
-        return warpopt.error_norm(warpopt.ViewFrustum(near, far, half_fov), theta, warp, "p", "l2").sum()
+        warp = warpopt.Warp.from_eta(eta, 1.0)
+        return warpopt.error_norm(warpopt.ViewFrustum(near, far, half_fov), theta, warp, metric, norm).sum()
 
     partial = np.asarray(jax.grad(fixed)(POINTS))
     smooth = outcomes == Outcome.stationary
     np.testing.assert_allclose(forward[2][:, smooth], partial[:, smooth], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
+def test_derivatives(metric, norm):
+    """All checks of one objective in one test: its derivatives, the costly part, are compiled once."""
+    check_forward_equals_reverse_and_all_are_finite(metric, norm)
+    check_differences_of_the_whole_solve(metric, norm)
+    check_no_gradient_of_eta_where_clamped(metric, norm)
+    if metric != "q" and norm != 1.7:
+        check_left_derivative_at_theta_equal_phi(metric, norm)
+    if (metric, norm) == ("p", "inf"):
+        check_overhead_gradient_is_lispsms(metric, norm)
+    if (metric, norm) == ("p", "l2"):
+        check_envelope(metric, norm)

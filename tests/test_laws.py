@@ -71,7 +71,7 @@ def test_the_norm_falls_then_rises(metric, norm, view):
 @given(view=views(), scale=st.floats(1e-3, 1e3))
 @law
 def test_scaling_lengths_leaves_eta_alone(metric, norm, view, scale):
-    """eta and the value do not depend on units. f/n is rounded anew: eta moves by its condition number, kept below 1e4."""
+    """eta and the value do not depend on units. f/n is rounded anew: 1e4 is room for its condition."""
     near, ratio, half_fov, theta = view
     far = near * ratio
     one = warpopt.optimal_warp(warpopt.ViewFrustum(near, far, half_fov), theta, metric, norm)
@@ -87,7 +87,7 @@ def test_scaling_lengths_leaves_eta_alone(metric, norm, view, scale):
 @given(view=views())
 @law
 def test_mirrored_light(metric, norm, view):
-    """theta and pi - theta have one value; pi - theta is rounded at eps, which the value feels through 1/sin at most."""
+    """theta and pi - theta have one value; pi - theta is rounded, which the value feels by 1/sin at most."""
     near, ratio, half_fov, theta = view
     theta = np.clip(theta, 1e-3, np.pi - 1e-3)
     frustum = warpopt.ViewFrustum(near, near * ratio, half_fov)
@@ -105,9 +105,7 @@ def test_continuity_across_theta_equal_phi(metric, norm, view):
     ratio = np.minimum(ratio, 1e3)  # the slopes on both sides grow with f/n
     half_fov = np.maximum(half_fov, 0.1)
     frustum = warpopt.ViewFrustum(near, near * ratio, half_fov)
-    below, above = (
-        warpopt.optimal_warp(frustum, half_fov * factor, metric, norm) for factor in (1 - 1e-9, 1 + 1e-9)
-    )
+    below, above = (warpopt.optimal_warp(frustum, half_fov * factor, metric, norm) for factor in (1 - 1e-9, 1 + 1e-9))
     np.testing.assert_allclose(above.value, below.value, rtol=1e-5)
     if metric != "q":
         np.testing.assert_allclose(above.warp.eta, below.warp.eta, rtol=1e-5)

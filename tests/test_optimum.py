@@ -43,9 +43,7 @@ def check_against_search(solution, exponents, norm, measure, cases=scenes.CASES,
 @pytest.mark.parametrize("norm", ["inf", "l1", "l2"])
 @pytest.mark.parametrize("metric", ["p", "q", "pxq"])
 def test_optimum(metric, norm, measure):
-    check_against_search(
-        warpopt.optimal_warp(FRUSTUM, THETA, metric, norm, measure), EXPONENTS[metric], norm, measure
-    )
+    check_against_search(warpopt.optimal_warp(FRUSTUM, THETA, metric, norm, measure), EXPONENTS[metric], norm, measure)
 
 
 @pytest.mark.parametrize(
@@ -53,9 +51,7 @@ def test_optimum(metric, norm, measure):
     [("p", "l2", "volume"), ("pxq", "l1", "log_depth"), ("q", "l2", "ground"), ("p", "l1", "ground")],
 )
 def test_optimum_in_other_measures(metric, norm, measure):
-    check_against_search(
-        warpopt.optimal_warp(FRUSTUM, THETA, metric, norm, measure), EXPONENTS[metric], norm, measure
-    )
+    check_against_search(warpopt.optimal_warp(FRUSTUM, THETA, metric, norm, measure), EXPONENTS[metric], norm, measure)
 
 
 @pytest.mark.parametrize(
@@ -131,7 +127,8 @@ def test_twin_norms_agree_with_plain_integration():
         def over_view(integrand):
             # screen: z^-2 dx dy dz, dx giving 2 z tan(phi); dz = z d(log z)
             return mp.quad(
-                lambda t: over_heights(integrand, mp.exp(t)) * 2 * scene.tan_phi, [0, mp.log(20)],
+                lambda t: over_heights(integrand, mp.exp(t)) * 2 * scene.tan_phi,
+                [0, mp.log(20)],
                 method="gauss-legendre",
             )
 

@@ -123,7 +123,7 @@ def test_tsm_maps_its_focus_point_to_xi(kappa, xi):
 
 
 def test_tsm_of_a_light_along_the_view():
-    """VN 3: lambda_TSM(theta = 0) = mu / 3 for kappa = .5, xi = .8; then s(1/4) = 4/7: most of the map for the far quarter."""
+    """VN 3: lambda_TSM(theta = 0) = mu / 3 for kappa = .5, xi = .8; then s(1/4) = 4/7: over half the map for a quarter."""
     warp = warpopt.rules.tsm(PAPER, 0.0)
     assert float(warp.lam_over_mu) == pytest.approx(1 / 3, rel=8 * EPS)
     assert float(warp.lam) == pytest.approx(float(warp.mu) / 3, rel=8 * EPS)
@@ -134,7 +134,7 @@ def test_tsm_of_a_light_along_the_view():
 
 
 def test_tsm_alternative_maximises_the_focus_regions_area(warps):
-    """The trapezoid's area over a grid of lambda, by the twin's geometry; no warp iff (1 - z_k/f) tan theta <= tan phi / 3."""
+    """The trapezoid's area over a grid of lambda, from vertices; no warp iff (1 - z_k/f) tan theta <= tan phi / 3."""
     frustum = warpopt.ViewFrustum(1.0, 100.0, 0.6)
     theta = np.array([0.02, 0.2, 0.36, 0.42, 0.5, 0.6])
     kappa = 0.3
@@ -147,8 +147,10 @@ def test_tsm_alternative_maximises_the_focus_regions_area(warps):
     grid = np.exp(np.linspace(-8, 0, 40001))[:-1]
     for i, t in enumerate(theta):
         mu = 2 * 100 * np.tan(0.6) * np.cos(t)
-        depth = [focus * np.sin(t) - y * np.cos(t) - 100 * (np.sin(t) - np.tan(0.6) * np.cos(t))
-                 for y in (focus * np.tan(0.6), -focus * np.tan(0.6))]
+        depth = [
+            focus * np.sin(t) - y * np.cos(t) - 100 * (np.sin(t) - np.tan(0.6) * np.cos(t))
+            for y in (focus * np.tan(0.6), -focus * np.tan(0.6))
+        ]
         lam = mu * grid / (1 - grid)
         # widths of the region's ends in the map, and the length between them, up to a constant
         ends = [lam / (lam + d) for d in depth]
@@ -173,7 +175,7 @@ def test_n_opt_is_the_axis_optimum_seen_from_the_apex():
 
 
 def test_storage_factor_is_constant_between_psm_and_lispsm():
-    """WI: max E_p max E_q = 2 (f - n) / (n tan phi) for lambda in [n, n_opt] under an overhead light; larger outside."""
+    """WI: max E_p max E_q = 2 (f - n) / (n tan phi) for lambda in [n, n_opt], light overhead; larger outside."""
     constant = 2 * 99 / np.tan(scenes.PHI)
     lam = jnp.array([1.0, 2.0, 5.0, 8.0, 11.0, 0.9, 12.0])
     warp = warpopt.Warp.from_lam(lam, 99.0)
@@ -183,7 +185,7 @@ def test_storage_factor_is_constant_between_psm_and_lispsm():
 
 
 def test_the_logarithmic_map_has_constant_e_p():
-    """WI: under an overhead light, s = log(z/n) / log(f/n) makes dp/ds constant; its E_p is a bound the optimum obeys."""
+    """WI: light overhead, s = log(z/n) / log(f/n) makes dp/ds constant; its E_p bounds the optimum's."""
     z = jnp.linspace(1.0, 100.0, 30)
     ds = jax.vmap(jax.grad(lambda v: jnp.log(v) / jnp.log(100.0)))(z)
     dp = 1 / (z * np.tan(scenes.PHI))  # along y = z - b at the axis, up to the projection factor

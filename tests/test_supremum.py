@@ -1,5 +1,7 @@
 """The exact L-inf optimum for every direction and several exponents: against iteration, and against the twin."""
 
+import functools
+
 import numpy as np
 import pytest
 import scenes
@@ -13,7 +15,8 @@ EXPONENTS = [(1, 0), (0, 1), (1, 1), (0.5, 2), (2, 0.5)]
 SWEEP = np.concatenate([np.linspace(0, np.pi, 61), [scenes.PHI, np.pi - scenes.PHI, 1e-6, np.pi / 2 - 1e-6]])
 # (f/n, phi) in rows, near scaled so that no length is of order one
 VIEWS = warpopt.ViewFrustum(
-    np.array([[3.0], [0.02], [50.0], [7.0]]), np.array([[300.0], [0.022], [5e5], [35.0]]),
+    np.array([[3.0], [0.02], [50.0], [7.0]]),
+    np.array([[300.0], [0.022], [5e5], [35.0]]),
     np.array([[scenes.PHI], [1.2], [0.05], [0.8]]),
 )
 
@@ -41,7 +44,8 @@ def test_closed_form_equals_the_search(alpha, beta):
         near, far, half_fov = float(VIEWS.near[i, 0]), float(VIEWS.far[i, 0]), float(VIEWS.half_fov[i, 0])
         for j, theta in enumerate(SWEEP[chosen]):
             s = twin.Scene(near, far, half_fov, theta)
-            exact, _, least = twin.search(s, lambda lam, s=s: s.supremum(mpf(alpha), mpf(beta), lam), lowest=1e-9, width=1e-16)
+            norm = functools.partial(s.supremum, mpf(alpha), mpf(beta))
+            exact, _, least = twin.search(s, norm, lowest=1e-9, width=1e-16)
             assert abs(float(mpf(float(eta[i, j])) / exact - 1)) < 1e-12, (i, theta)
             assert abs(float(mpf(float(value[i, j])) / least - 1)) < 64 * EPS, (i, theta)
 
@@ -113,8 +117,15 @@ def test_orders_of_magnitude():
     """n = 1, f = 100, phi = 30 degrees: the optimum and the rules' ratios to it, to the three figures tabulated."""
     frustum = warpopt.ViewFrustum(1.0, 100.0, scenes.PHI)
     table = {
-        "p": ([90, 60, 30, 10], [[0.1111, 10.0, 1.00, 2.50], [0.1055, 9.55, 1.04, 1.52], [0.1, 9.09, 1.79, 1.08],
-                                 [1.210, 1.09, 1.05, 1.33]]),
+        "p": (
+            [90, 60, 30, 10],
+            [
+                [0.1111, 10.0, 1.00, 2.50],
+                [0.1055, 9.55, 1.04, 1.52],
+                [0.1, 9.09, 1.79, 1.08],
+                [1.210, 1.09, 1.05, 1.33],
+            ],
+        ),
         "pxq": ([90, 45, 10], [[0.04868, 464, 4.64, 29.0], [0.04098, 116, 5.72, 5.29], [np.inf, 1, 1.56, 3.11]]),
     }
     for metric, (degrees, rows) in table.items():

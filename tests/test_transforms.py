@@ -13,7 +13,7 @@ EPS = np.finfo(np.float64).eps
 FRUSTUM, THETA = scenes.batch()
 
 
-@pytest.mark.parametrize(("metric", "norm"), [("p", "inf"), ("pxq", "l2")])
+@pytest.mark.parametrize(("metric", "norm"), [("p", "inf"), ("q", "l2")])
 def test_jit_and_vmap_equal_the_eager_batch(metric, norm):
     """Fusion may regroup roundings: a few eps of eta's condition number."""
     eager = warpopt.optimal_warp(FRUSTUM, THETA, metric, norm)
@@ -44,7 +44,8 @@ def test_shapes_broadcast(norm):
     for field in (solution.warp.eta, solution.warp.lam, solution.warp.mu, solution.value, solution.result):
         assert field.shape == (3, 2)
     assert solution.warp.one_minus_eta.shape == solution.residual.shape == (3, 2)
-    values = warpopt.error_norm(frustum, np.array([0.3, 1.0]), warpopt.Warp.from_eta(np.ones((4, 1, 1)), 1.0), "p", norm)
+    warp = warpopt.Warp.from_eta(np.ones((4, 1, 1)), 1.0)
+    values = warpopt.error_norm(frustum, np.array([0.3, 1.0]), warp, "p", norm)
     assert values.shape == (4, 3, 2)
 
 
