@@ -107,9 +107,7 @@ class Problem:
         """Coefficients of eta L dJ^P/d eta in eta, highest first, on L = c eta + d."""
         c, d = piece
         M, a, r, B = round(self.k * self.order), self.alpha * self.order, self.r * self.order, self.moments
-        return [
-            (c * B[j] * (a - j) if j <= M else 0) + (d * B[j - 1] * (r - j + 1) if j else 0) for j in range(M + 2)
-        ]
+        return [(c * B[j] * (a - j) if j <= M else 0) + (d * B[j - 1] * (r - j + 1) if j else 0) for j in range(M + 2)]
 
     def _quadratic(self, delta, piece):
         c, d = piece

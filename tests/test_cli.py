@@ -107,7 +107,8 @@ def test_shipped_configs_are_valid_and_say_what_they_answer(name):
 def test_every_flaw_is_reported_at_once_with_its_path(folder, capsys):
     (folder / "bad.toml").write_text(
         '[view]\nnear = 1.0\nfar = 0.5\nhalf_fov_deg = [30.0, 95.0]\ncolour = "red"\n'
-        '[light]\ntheta_deg = {start = 0.0, stop = 200.0, count = 0}\n[objective]\nmetrics = ["z"]\nnorms = ["l0", 0.5]\n'
+        '[light]\ntheta_deg = {start = 0.0, stop = 200.0, count = 0}\n[objective]\nmetrics = ["z"]\n'
+        'norms = ["l0", 0.5]\n'
     )
     assert invoke("run", "bad.toml") == 2
     message = capsys.readouterr().err

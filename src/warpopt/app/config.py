@@ -148,7 +148,9 @@ def validated(model: type[pydantic.BaseModel], data: dict[str, Any], source: str
 
 
 def _flaw(flaw: Any) -> str:
-    path = ".".join(str(part) for part in flaw["loc"] if not str(part).startswith(("function-", "constrained-", "list[")))
+    path = ".".join(
+        str(part) for part in flaw["loc"] if not str(part).startswith(("function-", "constrained-", "list["))
+    )
     message = flaw["msg"].removeprefix("Value error, ")
     if flaw["type"] == "extra_forbidden":
         return f"  {path}: unknown key"

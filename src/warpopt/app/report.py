@@ -104,10 +104,10 @@ def report(config: RunConfig, sweep: Sweep, found: list[Finding], figures: list[
     parts = [
         "# Optimal perspective warps\n",
         f"{n_views} view(s), {n_directions} light direction(s) from {sweep.theta_deg.min():g} to "
-        f"{sweep.theta_deg.max():g} deg, norms over the measure `{sweep.measure}`. Every optimum is a global minimum: its "
-        "stationarity condition changes sign once, or it is a tie or a kink with the right signs on both sides.\n",
+        f"{sweep.theta_deg.max():g} deg, norms over the measure `{sweep.measure}`. Every optimum is a global minimum: "
+        "its stationarity condition changes sign once, or it is a tie or a kink with the right signs on both sides.\n",
         "`table.csv` and `table.npz` hold eta, lambda / mu, lambda and the minimal norm for each direction, and after "
-        "them each rule's norm as a multiple of the minimum; `run.json` holds the configuration, versions and outcomes. "
+        "them each rule's norm as a multiple of the minimum; `run.json` has configuration, versions and outcomes. "
         "lambda is the near-plane distance of the warping frustum (inf: no warp), mu its depth range, and "
         "eta = lambda / (lambda + mu).\n",
         "A ratio counts where its rule is defined; where a rule gives no lambda > 0, the table has no warp in its "

@@ -24,11 +24,12 @@ from .sweep import RULES, OptimumCurves, Sweep, View, compute_sweep, objectives
 from .writing import MARK, whole_folder
 
 _SHOWN_RULES = ("ssm", "lispsm", "tsm")  # of the terminal's summary; the report has them all
-_FIGURE_RATIOS = (10.0, 100.0, 1000.0, 10000.0)  # f/n of the figure over several f/n, beside the config's own
+# f/n of the figure over several f/n, beside the configuration's own
+_FIGURE_RATIOS = (10.0, 100.0, 1000.0, 10000.0)
 
 
 def run(config: RunConfig, console: Console | None = None) -> int:
-    """Solve, write, summarise; 0 if every problem was solved, 1 if the table holds failures (it is written all the same).
+    """Solve, write, summarise; 0 if every problem was solved, 1 if the table, written all the same, holds failures.
 
     Raises:
         ConfigError: the output folder cannot be written, or is not an earlier result.
@@ -183,5 +184,7 @@ def _summarise(console: Console, found: list[Finding], directory: Path, failures
         table.add_row(f"{f.depth_ratio:g}", f"{f.half_fov_deg:g}", f"E_{f.metric} {f.norm}", f.no_warp, *worst)
     console.print(table)
     if failures:
-        console.print(f"{failures} problem(s) failed; the outcome column of run.json tells which and why.", style="bold red")
+        console.print(
+            f"{failures} problem(s) failed; the outcome column of run.json tells which and why.", style="bold red"
+        )
     console.print(f"Written: {directory}{'/' if directory.name else ''}report.md, table.csv, table.npz, run.json")

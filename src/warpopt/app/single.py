@@ -52,7 +52,9 @@ def solve(problem: Problem, as_json: bool) -> int:
     if as_json:
         print(json.dumps(answer, indent=2, allow_nan=False))
     else:
-        table = Table(show_header=False, title=f"Optimal warp, {problem.metric} in {problem.norm} over {problem.measure}")
+        table = Table(
+            show_header=False, title=f"Optimal warp, {problem.metric} in {problem.norm} over {problem.measure}"
+        )
         for key in ("eta", "lambda_over_mu", "lambda", "value", "outcome_sentence"):
             table.add_row(key.replace("outcome_sentence", "outcome"), _shown(answer[key]))
         rich.print(table)

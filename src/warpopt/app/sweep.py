@@ -123,4 +123,3 @@ def _curves(warp: "warpopt.Warp") -> tuple[np.ndarray, ...]:
 
 def _arrays(*values) -> tuple[np.ndarray, ...]:
     return tuple(np.asarray(v) for v in values)
-

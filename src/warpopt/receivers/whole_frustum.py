@@ -1,6 +1,7 @@
 """The whole view frustum as receivers: its extreme points for L-inf, its moments for L_P."""
 
 import functools
+import itertools
 import math
 
 import equinox as eqx
@@ -99,7 +100,7 @@ def _polar_forms(integrals: list[Array], delta: tuple[Array, Array], complement:
     """
 
     def contract(form: list[Array], ends: tuple[Array, Array]) -> list[Array]:
-        return [ends[0] * p + ends[1] * q for p, q in zip(form[:-1], form[1:], strict=True)]
+        return [ends[0] * p + ends[1] * q for p, q in itertools.pairwise(form)]
 
     forms = [integrals]
     for _ in range(len(integrals) - 1):

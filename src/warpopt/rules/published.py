@@ -1,12 +1,12 @@
 """The published rules for lambda: functions (frustum, theta) -> Warp.
 
-A rule that yields no lambda > 0 returns no warp with `Warp.defined` False. Raises, for all: ValueError for theta outside
+A rule that yields no lambda > 0 returns no warp with `Warp.defined` False. Each raises a ValueError for theta outside
 [0, pi]. Written through mu / lambda, which is finite for every rule and zero for no warp.
 """
 
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
-from numpy.typing import ArrayLike
 
 from .._checks import checked
 from ..solve.sign_change import on_lanes, positive_root
@@ -97,7 +97,7 @@ def tsm(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5, xi: float = 
 
 
 def tsm_alternative(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5) -> Warp:
-    """TSM's alternative for theta <= phi: the warp that gives the focus region the largest area of the map; VN section 3.
+    """TSM's alternative for theta <= phi: the warp with the largest area of the map for the focus region; VN section 3.
 
     The focus region, eye depths up to z_k = n + (f - n) kappa, covers delta in [p, q], with middle m; the maximum of
     eta^2 A(m) / (A(p) A(q))^2 is the root of a cubic with one sign change (VN's factor 4 is 2; the argmax is the same).

@@ -23,9 +23,9 @@ class BracketedNewton(optx.AbstractRootFinder):
     """Newton's method for increasing functions, elementwise on arrays, guarded by bisection.
 
     Every evaluation tightens the bracket given as `options=dict(lower=..., upper=...)`; a Newton step that would leave
-    it, or is not half as long as the step before, is replaced by bisection. A lane stops when a Newton step is below `rtol`: the step after it would be below
-    rtol^2, which is the accuracy reached. (optimistix's `Newton` has no guard and diverges on these objectives;
-    `Bisection` has no derivative.)
+    it, or is not half as long as the step before, is replaced by bisection. A lane stops when a Newton step is below
+    `rtol`: the step after it would be below rtol^2, which is the accuracy reached. (optimistix's `Newton` has no guard
+    and diverges on these objectives; `Bisection` uses no derivative.)
     """
 
     rtol: float

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PyTree
 
-# A solve keeps about a hundred numbers a problem in flight. 32,768 problems are 26 MB of them in double precision, about
-# the last-level cache of a desktop processor; a GPU wants them all at once, within its memory.
+# A solve keeps about a hundred numbers a problem in flight. 32,768 problems are 26 MB of them in double precision, the
+# last-level cache of a desktop processor; a GPU wants them all at once, within its memory.
 _CHUNK = {"cpu": 32_768}
 _CHUNK_ELSEWHERE = 4_194_304
 # Beyond this many problems, one compiled call after another on this one shape: memory stays bounded, and a new size
@@ -42,7 +42,9 @@ def in_chunks(function: Callable[..., PyTree], *args: PyTree) -> PyTree:
     def one_chunk(parts: list[Array]) -> PyTree:
         rest = iter(parts)
         whole = [leaf.reshape(()) if one else next(rest) for leaf, one in zip(leaves, single, strict=True)]
-        return jax.tree.map(lambda out: jnp.broadcast_to(out, (chunk,)), function(*jax.tree.unflatten(structure, whole)))
+        return jax.tree.map(
+            lambda out: jnp.broadcast_to(out, (chunk,)), function(*jax.tree.unflatten(structure, whole))
+        )
 
     return jax.tree.map(lambda out: out.ravel()[:size].reshape(shape), jax.lax.map(one_chunk, many))
 

@@ -5,8 +5,8 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
-from numpy.typing import ArrayLike
 
 from .._numerics import power, staged
 from ..receivers.whole_frustum import Moments, moments
@@ -148,9 +148,7 @@ def _solve(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool,
     return in_chunks(functools.partial(_solve_chunk, norm=norm, iterative=iterative, nodes=nodes), frustum, theta)
 
 
-def _solve_chunk(
-    frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool, nodes: int | None
-) -> Solution:
+def _solve_chunk(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool, nodes: int | None) -> Solution:
     space, mean = _prepared(frustum, theta, norm, nodes)
     if norm.supremum:
         optimum = minimise_supremum(space, norm, iterative)
@@ -172,5 +170,7 @@ def _raised(solution: Solution) -> Solution:
         return eqx.error_if(solution, bad, words)
     if bool(bad.any()):
         first = Outcome(int(solution.result[bad].ravel()[0]))
-        raise RuntimeError(f"{int(bad.sum())} of {bad.size} problems failed, the first thus: {first.sentence} ({words})")
+        raise RuntimeError(
+            f"{int(bad.sum())} of {bad.size} problems failed, the first thus: {first.sentence} ({words})"
+        )
     return solution

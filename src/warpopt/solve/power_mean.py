@@ -71,4 +71,3 @@ def _merged(first: Array, one: Polynomial, other: Polynomial) -> Polynomial:
     powers = tuple(sorted({*one[0], *other[0]}, reverse=True))
     tables = [dict(zip(*polynomial, strict=True)) for polynomial in (one, other)]
     return powers, tuple(jnp.where(first, *(table.get(p, 0.0) for table in tables)) for p in powers)
-

@@ -8,6 +8,7 @@ so that one evaluation brackets the root, and Newton with the bracket as guard c
 
 import dataclasses
 import functools
+import itertools
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -20,7 +21,7 @@ Polynomial = tuple[tuple[int, ...], tuple[Float[Array, "..."], ...]]
 
 
 def value_over_leading(polynomial: Polynomial, at: Float[Array, "..."]) -> tuple[Array, Array]:
-    """(value, sum of absolute terms) at a positive point, both divided by max(1, at)^degree so that neither overflows."""
+    """(value, sum of absolute terms) at a positive point, both over max(1, at)^degree so that neither overflows."""
     powers, coefficients = polynomial
     dense = _dense(powers, coefficients)
     large = at > 1
@@ -74,7 +75,7 @@ def positive_root(polynomial: Polynomial, iterative: bool) -> tuple[Float[Array,
     """
     powers, coefficients = polynomial
     coefficients = tuple(jnp.broadcast_arrays(*coefficients))
-    gaps = {p - q for p, q in zip(powers[:-1], powers[1:], strict=True)}
+    gaps = {p - q for p, q in itertools.pairwise(powers)}
     if len(gaps) == 1 and len(powers) <= 3 and not iterative:
         root = power(_linear_or_quadratic(coefficients), 1 / gaps.pop())
         return root, jnp.ones(root.shape, bool)

@@ -61,8 +61,8 @@ def kink(space: LightSpace) -> Float[Array, "..."]:
 def _tie(space: LightSpace, norm: ErrorNorm) -> tuple[Array, Array]:
     """(eta, 1 - eta) at which the two receivers' errors are equal; eta = 0 where the nearest always has the larger.
 
-    eta = (d_f - d_n - e d_n) / (d_f - d_n + e (1 - d_n)), e = (f/n)^q - 1 and q = r/k, with the numerator's common terms
-    taken out: for E_q it is x a, lambda = n a, where the naive difference loses every digit as a goes to 0.
+    eta = (d_f - d_n - e d_n) / (d_f - d_n + e (1 - d_n)), e = (f/n)^q - 1 and q = r/k, with the common terms taken
+    out of the numerator: for E_q it is x a, lambda = n a, where the naive difference loses every digit as a goes to 0.
     """
     x, T, L = space.depth_range, space.slope, space.log_ratio
     q = norm.metric.depth_power / norm.metric.blend_power
@@ -181,5 +181,7 @@ def _with_residual(space: LightSpace, norm: ErrorNorm, eta: Array, one_minus_eta
     piece = _choose(eta > kink(space), *_pieces(space, norm))
     polynomial = _quadratic(norm, _choose(gap > 0, far, near), piece)
     slope = log_ratio(jnp.log(eta), on_lanes(True, polynomial))
-    residual = jnp.where(outcome == Outcome.tie, jnp.abs(gap), jnp.where(outcome == Outcome.stationary, jnp.abs(slope), 0))
+    residual = jnp.where(
+        outcome == Outcome.tie, jnp.abs(gap), jnp.where(outcome == Outcome.stationary, jnp.abs(slope), 0)
+    )
     return Optimum(eta, one_minus_eta, outcome, residual)

@@ -5,8 +5,8 @@ E (screen pixels / 2) / (map texels).
 """
 
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
-from numpy.typing import ArrayLike
 
 from .._numerics import power
 from .error_norm import Metric

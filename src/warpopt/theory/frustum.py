@@ -3,8 +3,8 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
-from numpy.typing import ArrayLike
 
 from .._checks import checked
 
@@ -42,7 +42,12 @@ class ViewFrustum(eqx.Module):
         dtype = jnp.result_type(near, far, half_fov, float)
         near, far, half_fov = (jnp.asarray(v, dtype) for v in (near, far, half_fov))
         self.near = checked("near", near, lambda v: (v > 0) & (v < np.inf), "a finite number > 0")
-        self.far = checked("far", jnp.broadcast_to(far, _joint_shape(near, far)), lambda v: (v > near) & (v < np.inf), "a finite number > near")
+        self.far = checked(
+            "far",
+            jnp.broadcast_to(far, _joint_shape(near, far)),
+            lambda v: (v > near) & (v < np.inf),
+            "a finite number > near",
+        )
         self.half_fov = checked("half_fov", half_fov, lambda v: (v > 0) & (v < np.pi / 2), "radians in (0, pi/2)")
 
     @property

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
-from numpy.typing import ArrayLike
 
 from .._checks import checked
 from .frustum import ViewFrustum
@@ -47,7 +47,7 @@ class LightSpace(eqx.Module):
     other. The fields are lengths over `near`, notation of the derivation: a = sin(theta) - tan(phi) cos(theta) and
     b = sin(theta) + tan(phi) cos(theta) are the light-space slopes of the two side planes.
 
-    At theta = phi (a = 0) the slopes of mu and d0 kink. There the derivative is that of the branch on the left in theta.
+    At theta = phi (a = 0) the slopes of mu and d0 kink; the derivative there is the one on its left in theta.
     """
 
     near: Float[Array, "..."]

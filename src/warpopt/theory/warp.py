@@ -2,8 +2,8 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
-from numpy.typing import ArrayLike
 
 from .._checks import checked
 from .frustum import ViewFrustum

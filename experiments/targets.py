@@ -1,0 +1,133 @@
+"""The speed targets, each a ratio of two times measured in the same run (see runtime_vs_error.py)."""
+
+import resource
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import warpopt
+
+_MEMORY_PROBE = """
+import os, sys
+os.environ.setdefault("JAX_ENABLE_X64", "1")
+sys.path.insert(0, {folder!r})
+import resource, numpy as np, warpopt
+from runtime_vs_error import frustum_of, problems
+frustum, theta = frustum_of(problems({count}, 0))
+warpopt.optimal_warp(frustum, theta, "p", "l2", throw=False)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+
+
+def measure_targets(rows: list[dict], arguments) -> dict[str, dict]:
+    """Every target: what was measured, what was asked for, how."""
+    from runtime_vs_error import errors_as_printed, frustum_of, problems, seconds
+
+    batch = arguments.batch
+    raw = problems(batch, 0)
+    frustum, theta = frustum_of(raw)
+    found: dict[str, dict] = {}
+
+    def put(name: str, measured: float, target: str, how: str) -> None:
+        found[name] = {"measured": measured, "target": target, "how": how}
+
+    def per_solve(metric, norm, measure, method) -> float:
+        key = (metric, norm, measure)
+        times = [
+            r["ns_per_solve"]
+            for r in rows
+            if (r["metric"], r["norm"], r["measure"]) == key and r["method"].startswith(method)
+        ]
+        return min(times) if times else float("nan")
+
+    for measure, one_by_one in (("volume", 2000), ("screen", 1000)):
+        mine = per_solve("p", "l2", measure, "warpopt")
+        accurate = [r for r in rows if (r["metric"], r["norm"], r["measure"]) == ("p", "l2", measure)]
+        one = [
+            r["ns_per_solve"] for r in accurate if r["method"].startswith("SciPy minimize") and "1e-08" in r["effort"]
+        ]
+        put(
+            f"E_p L2 {measure}: SciPy one at a time / ours",
+            (one or [np.nan])[0] / mine,
+            f">= {one_by_one}",
+            "per solve",
+        )
+        put(
+            f"E_p L2 {measure}: SciPy find_root / ours",
+            per_solve("p", "l2", measure, "SciPy elementwise.find_root") / mine,
+            ">= 20" if measure == "volume" else "(reported)",
+            "per solve, both vectorised",
+        )
+
+    def solve_time(metric, norm, measure) -> float:
+        return seconds(lambda: warpopt.optimal_warp(frustum, theta, metric, norm, measure, throw=False))
+
+    eta = jnp.asarray(np.random.default_rng(5).uniform(0.01, 0.99, batch))
+    warp = warpopt.Warp(eta, 1 - eta, eta, jnp.ones((), bool))
+    ep = {}
+    for measure in ("screen", "volume"):
+        ep[measure] = solve_time("p", "l2", measure)
+        moment_pass = seconds(lambda m=measure: warpopt.error_norm(frustum, theta, warp, "p", "l2", m))
+        put(
+            f"E_p L2 {measure}: whole solve / moment pass",
+            ep[measure] / moment_pass,
+            "<= 2",
+            "moments and one norm value",
+        )
+        for metric in ("q", "pxq"):
+            ratio = solve_time(metric, "l2", measure) / ep[measure]
+            put(f"E_{metric} L2 {measure} / E_p L2 {measure}", ratio, "<= 4", "whole solves")
+
+    corners = jnp.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    for metric in ("p", "q", "pxq"):
+
+        @jax.jit
+        def four_corners(n, f, phi, theta, eta, metric=metric):
+            errors = [
+                errors_as_printed(eta, f if far else n, float(u), n, f, phi, theta, metric, jnp)
+                for u, far in corners.tolist()
+            ]
+            return jnp.stack(errors).max(0)
+
+        arrays = [jnp.asarray(v) for v in raw]
+        evaluation = seconds(lambda e=four_corners, a=arrays: e(*a, eta))
+        ratio = solve_time(metric, "inf", "screen") / evaluation
+        put(f"E_{metric} L-inf: solve / objective at four corners", ratio, "<= 4", "trigonometry on both sides")
+
+    one = warpopt.ViewFrustum(1.0, 100.0, 0.5)
+    sweep = seconds(lambda: warpopt.optimal_warp(one, theta, "p", "l2", "screen", throw=False))
+    put("E_p L2 screen: random batch / theta sweep", ep["screen"] / sweep, ">= 3", "per solve, same count")
+    single = seconds(lambda: warpopt.optimal_warp(one, 0.7, "p", "l2", throw=False), 30)
+    put("overhead of one call (ms)", single * 1e3, "<= 2", "one problem, compiled before")
+    if not arguments.short:
+        times = {}
+        for count in (100_000, 1_000_000, 10_000_000):
+            some = frustum_of(problems(count, 0))
+            times[count] = seconds(lambda s=some: warpopt.optimal_warp(*s, "p", "l2", throw=False), 3)
+            put(f"ns per solve at {count:.0e}", times[count] / count * 1e9, "(reported)", "E_p L2 screen")
+        slopes = [(times[b] - times[a]) / (b - a) for a, b in ((100_000, 1_000_000), (1_000_000, 10_000_000))]
+        spread = max(slopes) / min(slopes) - 1
+        put("slope of time over N, 1e5 to 1e7: spread", spread, "<= 0.2", "between 1e5, 1e6 and 1e7")
+        probe = _MEMORY_PROBE.format(folder=str(__file__.rsplit("/", 1)[0]), count=10_000_000)
+        output = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True).stdout
+        put("peak memory at 1e7 (MiB)", float(output.split()[-1]), "<= 2048", "resident set of a process of its own")
+    else:
+        put(
+            "peak memory so far (MiB)",
+            resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+            "(reported)",
+            "this process",
+        )
+    if jax.default_backend() != "cpu":
+        count = 10_000_000
+        some = frustum_of(problems(count, 0))
+        time = seconds(lambda: warpopt.optimal_warp(*some, "p", "l2", throw=False))
+        copy = jnp.zeros(50_000_000)
+        bandwidth = 2 * copy.nbytes / seconds(lambda: copy + 1)
+        put("accelerator: ns per solve", time / count * 1e9, "(reported)", "E_p L2 screen, 1e7")
+        least = count * (4 * 8 + 5 * 8 + 4 + 1)  # four inputs, five outputs, the outcome and a flag
+        put("accelerator: fraction of the memory bound", least / bandwidth / time, "(reported)", "least traffic")
+    return found
