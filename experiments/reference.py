@@ -63,6 +63,17 @@ class Problem:
         blend = delta + (1 - delta) * eta
         return self.scale(eta) * blend**self.k / z_over_near**self.r
 
+    def condition_yz(self, u, z_over_near, eta):
+        """Condition number of E at (y, z): |d log E / d log y| + |d log E / d log z|."""
+        near, far = self.edge(u)
+        p = (z_over_near - 1) / self.x
+        delta = near * (1 - p) + far * p
+        blend = delta + (1 - delta) * eta
+        # mu delta = z s - y c - d0 in units of near: z s and y c are what is differenced
+        slope = self.k * (1 - eta) / (self.mu * blend)
+        y_c = self.slope * z_over_near * abs(1 - 2 * u)
+        return slope * y_c + abs(slope * z_over_near * self.s - self.r)
+
     @property
     def kink(self):
         return self.a_plus / ((1 + self.x) * self.b)
@@ -94,7 +105,7 @@ class Problem:
         for t, w in _gauss(48 + int(2 * L)):
             z = mp.exp(t * L)
             p = mp.expm1(t * L) / self.x
-            weight = w * L / self.x * z ** (1 - Q)
+            weight = w * L / self.x * mp.power(z, 1 - Q)
             for u, v in heights:
                 near, far = self.edge(u)
                 delta = near * (1 - p) + far * p

@@ -1,0 +1,304 @@
+"""Numerical stability at the edges: invariants on every draw, 50-digit references on thousands of them.
+
+    python experiments/stability.py --directory runs/stability
+
+Draws come from the edges of the input (see `draws`); every metric, the norms 1, 2, 3 and inf, and every measure are
+solved for all of them, in float64 and float32. Errors are in units of eps against references that take the inputs as
+the exact numbers they are. Writes `report.md`, `stability.json`, `worst.csv` (the inputs of each worst case, in exact
+hexadecimal, to rerun it) and `heat_map.png`. `--draws` is a number for each dtype.
+"""
+
+import argparse
+import csv
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+os.environ.setdefault("JAX_ENABLE_X64", "1")
+
+import jax
+import jax.numpy as jnp
+import mpmath as mp
+import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from reference import Problem
+
+import warpopt
+
+MEASURES = ("volume", "screen", "log_depth", "ground", "axis")
+RULES = ("ssm", "psm", "lispsm", "tsm", "tsm_alternative", "minimum_norm", "scherzer")
+COMBINATIONS = [
+    (metric, order, measure)
+    for metric in ("p", "q", "pxq")
+    for order in (1.0, 2.0, 3.0, np.inf)
+    for measure in (MEASURES if np.isfinite(order) else ("screen", "axis"))
+]
+BLEND_POWER = {"p": 2, "q": 1, "pxq": 3}
+
+
+def draws(count: int, dtype, seed: int) -> dict[str, np.ndarray]:
+    """Inputs from the edges: thin and deep frusta, narrow and wide fields of view, special directions, any scale."""
+    rng = np.random.default_rng(seed)
+    double = dtype == np.float64
+
+    def pick(*choices):
+        return np.choose(rng.integers(0, len(choices), count), [np.broadcast_to(c, count) for c in choices])
+
+    excess = 10 ** rng.uniform(np.log10(1e-9 if double else 2e-7), 12, count)
+    decades = 30 if double else 15
+    near = (10 ** rng.uniform(-decades, decades, count)).astype(dtype)
+    far = np.maximum((near.astype(float) * (1 + excess)).astype(dtype), np.nextafter(near, dtype(np.inf)))
+    margin = 10 ** rng.uniform(-4, 0, count)
+    half_fov = pick(margin, np.pi / 2 - margin, rng.uniform(1e-4, np.pi / 2 - 1e-4, count))
+    half_fov = np.clip(half_fov, 1e-4, np.pi / 2 - 1e-4).astype(dtype)
+    step = 1e-15 if double else 1e-6
+    phi = half_fov.astype(float)
+    anywhere = rng.uniform(0, np.pi, count)
+    special = (0.0, 1e-300 if double else 1e-37, 1e-12, phi, phi * (1 + step), phi * (1 - step), np.pi - phi)
+    theta = pick(*special, np.pi / 2, np.pi / 2 - 1e-12, np.pi, anywhere, anywhere).astype(dtype)
+    eta = np.minimum(10 ** rng.uniform(-12, 0, count), 1).astype(dtype)
+    return {"near": near, "far": far, "half_fov": half_fov, "theta": np.minimum(theta, dtype(np.pi)), "eta": eta}
+
+
+def frustum_of(d: dict[str, np.ndarray]):
+    return warpopt.ViewFrustum(d["near"], d["far"], d["half_fov"])
+
+
+def eta_and_log_value(near, far, half_fov, theta, metric, order, measure):
+    frustum = warpopt.ViewFrustum(near, far, half_fov)
+    solution = warpopt.optimal_warp(frustum, theta, metric, order, measure, throw=False)
+    return solution.warp.eta, jnp.log(solution.value)
+
+
+def check_invariants(d: dict[str, np.ndarray], combination) -> tuple[dict[str, float], np.ndarray]:
+    """(counts and worst figures over all draws, an indicator of where errors may be largest)."""
+    metric, order, measure = combination
+    eps = np.finfo(d["near"].dtype).eps
+    frustum, theta = frustum_of(d), d["theta"]
+    solution = warpopt.optimal_warp(frustum, theta, metric, order, measure, throw=False)
+    eta, value = np.asarray(solution.warp.eta), np.asarray(solution.value)
+    result, residual = np.asarray(solution.result), np.asarray(solution.residual)
+    norm_at_eta = np.asarray(
+        warpopt.error_norm(frustum, theta, warpopt.Warp.from_eta(d["eta"], d["near"]), metric, order, measure)
+    )
+    found = {
+        "not_finite": int((~np.isfinite(eta) | ~np.isfinite(value) | ~np.isfinite(norm_at_eta)).sum()),
+        "out_of_range": int(((eta <= 0) | (eta > 1)).sum()),
+        "failed": int((result > warpopt.Outcome.no_warp).sum()),
+        "residual_over_k_eps": float(residual.max() / (BLEND_POWER[metric] * eps)),
+    }
+    below = 0.0
+    for name in RULES:
+        warp = getattr(warpopt.rules, name)(frustum, theta)
+        rival = np.asarray(warpopt.error_norm(frustum, theta, warp, metric, order, measure), float)
+        below = max(below, float(np.nanmax(1 - rival / value)))
+    found["optimum_above_a_rule_over_k_eps"] = below / (BLEND_POWER[metric] * eps)
+    # A power of two scales exactly, so that the answer must be the same to the last bit; 3 rounds the input anew, and
+    # what moves much is where errors may be large.
+    scaled = {**d, "near": d["near"] * 4, "far": d["far"] * 4}
+    other = warpopt.optimal_warp(frustum_of(scaled), theta, metric, order, measure, throw=False)
+    found["not_scale_free"] = int((np.asarray(other.warp.eta) != eta).sum())
+    scaled = {**d, "near": d["near"] * 3, "far": d["far"] * 3}
+    scaled["far"] = np.maximum(scaled["far"], np.nextafter(scaled["near"], scaled["near"].dtype.type(np.inf)))
+    moved = warpopt.optimal_warp(frustum_of(scaled), theta, metric, order, measure, throw=False)
+    indicator = np.abs(np.asarray(moved.value, float) / value - 1) / eps + residual / eps
+
+    def total(*inputs):
+        eta, log_value = eta_and_log_value(*inputs, metric, order, measure)
+        return eta.sum() + log_value.sum()
+
+    gradients = jax.grad(total, argnums=(0, 1, 2, 3))(
+        *(jnp.asarray(d[k]) for k in ("near", "far", "half_fov", "theta"))
+    )
+    found["gradient_not_finite"] = int(sum((~np.isfinite(np.asarray(g))).sum() for g in gradients))
+    return found, np.nan_to_num(indicator, nan=np.inf)
+
+
+def reference_errors(d: dict[str, np.ndarray], i: int, solution, norm_at_eta, combination) -> dict[str, float]:
+    """Regret of the optimum and error of a norm, for one draw, in units of eps."""
+    metric, order, measure = combination
+    eps = float(np.finfo(d["near"].dtype).eps)
+    problem = Problem(d["near"][i], d["far"][i], d["half_fov"][i], d["theta"][i], metric, order, measure)
+    best = problem.minimise()
+    eta = float(solution.warp.eta[i])
+    k = BLEND_POWER[metric]
+    return {
+        "regret_over_k_eps": max(float(problem.norm(eta) / best.value - 1), 0.0) / (k * eps),
+        "value_ulp": abs(float(mp.mpf(float(solution.value[i])) / best.value - 1)) / eps,
+        "norm_ulp": abs(float(mp.mpf(float(norm_at_eta[i])) / problem.norm(float(d["eta"][i])) - 1)) / eps,
+        "eta_relative": abs(float(mp.mpf(eta) / best.eta - 1)),
+    }
+
+
+def point_errors(d: dict[str, np.ndarray], count: int, seed: int) -> dict[str, float]:
+    """Errors at points: (u, z) in ulp, (y, z) in ulp over its condition number, worst of `count`."""
+    dtype = d["near"].dtype
+    eps = float(np.finfo(dtype).eps)
+    rng = np.random.default_rng(seed)
+    few = {k: v[:count] for k, v in d.items()}
+    u = np.where(rng.random(count) < 0.3, rng.integers(0, 2, count), rng.random(count)).astype(dtype)
+    t = np.where(rng.random(count) < 0.3, rng.integers(0, 2, count), rng.random(count))
+    near, far = few["near"].astype(float), few["far"].astype(float)
+    z = np.clip((near * (far / near) ** t).astype(dtype), few["near"], few["far"])
+    y = (z.astype(float) * np.tan(few["half_fov"].astype(float)) * (1 - 2 * u)).astype(dtype)
+    frustum, warp = frustum_of(few), warpopt.Warp.from_eta(few["eta"], few["near"])
+    worst = {"uz_ulp": 0.0, "yz_ulp_over_condition": 0.0, "largest_condition": 0.0}
+    for metric in ("p", "q", "pxq"):
+        at_uz = np.asarray(warpopt.aliasing_error_uz(frustum, few["theta"], warp, u, z, metric))
+        at_yz = np.asarray(warpopt.aliasing_error(frustum, few["theta"], warp, y, z, metric))
+        for i in range(count):
+            problem = Problem(*(few[k][i] for k in ("near", "far", "half_fov", "theta")), metric, np.inf, "screen")
+            eta, depth = mp.mpf(float(few["eta"][i])), mp.mpf(float(z[i])) / mp.mpf(float(few["near"][i]))
+            exact = problem.error(float(u[i]), depth, eta)
+            worst["uz_ulp"] = max(worst["uz_ulp"], abs(float(mp.mpf(float(at_uz[i])) / exact - 1)) / eps)
+            height = problem.tan_phi * mp.mpf(float(z[i]))
+            side = -1 if mp.cos(mp.mpf(float(few["theta"][i]))) < 0 else 1
+            exact_u = (1 - side * mp.mpf(float(y[i])) / height) / 2
+            exact = problem.error(exact_u, depth, eta)
+            if exact_u < 0 or exact == 0:
+                continue  # the rounded y lies outside the frustum
+            # d log E / d log y and d log E / d log z at fixed y, through A and through u(y, z)
+            condition = float(problem.condition_yz(exact_u, depth, eta))
+            error = abs(float(mp.mpf(float(at_yz[i])) / exact - 1)) / eps
+            worst["yz_ulp_over_condition"] = max(worst["yz_ulp_over_condition"], error / max(condition, 1))
+            worst["largest_condition"] = max(worst["largest_condition"], condition)
+    return worst
+
+
+def run_dtype(dtype, arguments) -> tuple[dict, list[dict], list[tuple]]:
+    """All combinations in one dtype: (figures by combination, worst cases, points of the heat map)."""
+    combinations = COMBINATIONS[:: -(-len(COMBINATIONS) // arguments.combinations)]
+    per = -(-arguments.draws // len(combinations))
+    stratified = hardest = -(-arguments.references // len(combinations))
+    table, worst_rows, points = {}, [], []
+    for number, combination in enumerate(combinations):
+        start = time.perf_counter()
+        d = draws(per, dtype, 1000 + number)
+        found, indicator = check_invariants(d, combination)
+        metric, order, measure = combination
+        frustum = frustum_of(d)
+        solution = warpopt.optimal_warp(frustum, d["theta"], metric, order, measure, throw=False)
+        at_eta = warpopt.error_norm(
+            frustum, d["theta"], warpopt.Warp.from_eta(d["eta"], d["near"]), metric, order, measure
+        )
+        solution, at_eta = jax.tree.map(np.asarray, (solution, at_eta))
+        order_of_doubt = np.argsort(-indicator)
+        chosen = np.unique(np.concatenate([np.arange(stratified), order_of_doubt[:hardest]]))
+        errors = [reference_errors(d, int(i), solution, at_eta, combination) for i in chosen]
+        for key in ("regret_over_k_eps", "value_ulp", "norm_ulp"):
+            values = np.array([e[key] for e in errors])
+            found[key] = float(values.max())
+            at = int(chosen[int(values.argmax())])
+            case = {name: float(d[name][at]).hex() for name in d}
+            worst_rows.append(
+                {"dtype": np.dtype(dtype).name, "metric": metric, "order": order, "measure": measure, "figure": key,
+                 "worst": found[key], **case}
+            )  # fmt: skip
+        points += [
+            (float(d["theta"][i]), float(d["far"][i]) / float(d["near"][i]), max(e["value_ulp"], e["norm_ulp"]))
+            for i, e in zip(chosen, errors, strict=True)
+        ]
+        table[f"E_{metric} order {order:g} {measure}"] = found
+        print(
+            f"{np.dtype(dtype).name} E_{metric} {order:g} {measure}: "
+            + ", ".join(f"{k} {v:.3g}" for k, v in found.items())
+            + f" ({time.perf_counter() - start:.0f} s)",
+            flush=True,
+        )
+    return table, worst_rows, points
+
+
+TARGETS = {
+    "not_finite": 0, "out_of_range": 0, "failed": 0, "gradient_not_finite": 0, "not_scale_free": 0,
+    "residual_over_k_eps": 64, "optimum_above_a_rule_over_k_eps": 32, "regret_over_k_eps": 32, "value_ulp": 64,
+    "norm_ulp": 64, "uz_ulp": 64, "yz_ulp_over_condition": 64,
+}  # fmt: skip
+
+KNOWN_LIMITS = [
+    ("E at (y, z) on the upper plane", "the condition number, up to 1/eta, is inherent; use `aliasing_error_uz`"),
+    ("1 - eta, lambda next to the onset of no warp", "condition number 1/(1 - eta); the regret stays at rounding"),
+    ("eta of a flat optimum", "its condition number is 1/sqrt(second derivative); reported by regret"),
+    ("f/n > 7.9e13 in L_P", "outside the tabulated integrals: `Outcome.not_finite`"),
+    ("values beyond the dtype's range", "E_pxq at f/n = 1e12 and wide fields of view exceeds 3e38, float32's largest"),
+]
+
+
+def draw_heat_map(points: dict[str, list[tuple]], path: Path) -> None:
+    figure = Figure(figsize=(5.4 * len(points), 4.2), layout="constrained")
+    axes = figure.subplots(1, len(points), squeeze=False)[0]
+    theta_edges, ratio_edges = np.linspace(0, 180, 25), np.linspace(-9, 12, 22)
+    for ax, (name, found) in zip(axes, points.items(), strict=True):
+        grid = np.full((len(ratio_edges) - 1, len(theta_edges) - 1), np.nan)
+        for theta, ratio, error in found:
+            i = min(np.searchsorted(ratio_edges, np.log10(max(ratio - 1, 1e-9)), "right") - 1, grid.shape[0] - 1)
+            j = min(np.searchsorted(theta_edges, np.degrees(theta), "right") - 1, grid.shape[1] - 1)
+            grid[i, j] = np.nanmax([grid[i, j], max(error, 0.25)])
+        mesh = ax.pcolormesh(theta_edges, ratio_edges, grid, norm=LogNorm(0.25, 64), cmap="viridis")
+        ax.set_title(f"{name}: worst error of norms and minima", fontsize=10)
+        ax.set_xlabel("theta (degrees)")
+        ax.set_ylabel("log10(f/n - 1)")
+        ax.set_xticks(range(0, 181, 30))
+    figure.colorbar(mesh, ax=list(axes), label="units of eps (64 allowed)")
+    figure.savefig(path, dpi=150)
+
+
+def report(summary: dict) -> str:
+    lines = ["# Numerical stability", "", f"{summary['draws']} draws for each dtype; eps is each dtype's own.", ""]
+    lines += ["| figure | target | float64 | float32 |", "|---|---|---|---|"]
+    for name, target in TARGETS.items():
+        cells = [f"{summary['worst'][dtype].get(name, float('nan')):.3g}" for dtype in ("float64", "float32")]
+        lines.append(f"| {name} | {target} | {cells[0]} | {cells[1]} |")
+    conditions = {d: summary["worst"][d].get("largest_condition", float("nan")) for d in ("float64", "float32")}
+    lines += [
+        "",
+        f"Largest condition number of E at (y, z): {conditions['float64']:.3g}, {conditions['float32']:.3g}.",
+        "",
+    ]
+    lines += ["## Known limits", "", "| what | why |", "|---|---|", *(f"| {a} | {b} |" for a, b in KNOWN_LIMITS)]
+    lines += ["", "## Known defects", ""]
+    lines += [f"- {d}" for d in summary["defects"]] or ["None."]
+    return "\n".join(lines) + "\n"
+
+
+def main(words: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--directory", type=Path, default=Path("runs/stability"))
+    parser.add_argument("--draws", type=int, default=1_040_000)
+    parser.add_argument("--references", type=int, default=3_000, help="stratified draws, and as many of the worst")
+    parser.add_argument("--points", type=int, default=1_000)
+    parser.add_argument("--combinations", type=int, default=len(COMBINATIONS), help="evenly chosen, for a short run")
+    parser.add_argument("--dtypes", nargs="+", default=["float64", "float32"])
+    arguments = parser.parse_args(words)
+    arguments.directory.mkdir(parents=True, exist_ok=True)
+    tables, rows, points, worst = {}, [], {}, {}
+    for name in arguments.dtypes:
+        dtype = np.dtype(name).type
+        tables[name], found, points[name] = run_dtype(dtype, arguments)
+        rows += found
+        worst[name] = {
+            k: max(t[k] for t in tables[name].values()) for k in next(iter(tables[name].values()))
+        } | point_errors(draws(arguments.points, dtype, 77), arguments.points, 78)
+    defects = [
+        f"{name}: {key} is {figure:.3g}, target {TARGETS[key]}"
+        for name, figures in worst.items()
+        for key, figure in figures.items()
+        if key in TARGETS and not figure <= TARGETS[key]
+    ]
+    summary = {"draws": arguments.draws, "worst": worst, "defects": defects, "tables": tables}
+    (arguments.directory / "stability.json").write_text(json.dumps(summary, indent=1) + "\n")
+    with (arguments.directory / "worst.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+    summary["worst"] = {name: worst.get(name, {}) for name in ("float64", "float32")}
+    (arguments.directory / "report.md").write_text(report(summary))
+    draw_heat_map(points, arguments.directory / "heat_map.png")
+    print(report(summary))
+    return 1 if defects else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,70 @@
+"""A short slice of each experiment: that it runs, and that what it must find holds."""
+
+import csv
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import mpmath as mp
+import numpy as np
+import pytest
+import twin
+
+EXPERIMENTS = Path(__file__).parents[1] / "experiments"
+
+
+def run(name: str, *arguments: str) -> str:
+    command = [sys.executable, str(EXPERIMENTS / name), *arguments]
+    result = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "JAX_ENABLE_X64": "1"})
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+def test_stability_meets_every_target_on_a_slice(tmp_path):
+    arguments = ["--draws", "1500", "--references", "9", "--points", "60", "--combinations", "3"]
+    run("stability.py", *arguments, "--directory", str(tmp_path))
+    summary = json.loads((tmp_path / "stability.json").read_text())
+    assert summary["defects"] == []
+    for dtype in ("float64", "float32"):
+        assert summary["worst"][dtype]["not_finite"] == 0
+        assert summary["worst"][dtype]["norm_ulp"] > 0  # something was compared
+    with (tmp_path / "worst.csv").open() as file:
+        row = next(csv.DictReader(file))
+    assert float.fromhex(row["near"]) > 0
+    assert (tmp_path / "heat_map.png").stat().st_size > 10_000
+
+
+def test_runtime_vs_error_runs_and_orders_the_methods(tmp_path):
+    run("runtime_vs_error.py", "--short", "--directory", str(tmp_path))
+    with (tmp_path / "methods.csv").open() as file:
+        rows = {(r["method"], r["effort"]): r for r in csv.DictReader(file)}
+    ours = float(rows["warpopt", ""]["eta_error_worst"])
+    # 200 eps: well conditioned interior optima of f/n <= 1e4; SciPy's search on values cannot pass sqrt(eps)
+    assert ours < 200 * np.finfo(float).eps
+    scipy_rows = [r for (method, _), r in rows.items() if method.startswith("SciPy minimize_scalar")]
+    assert all(float(r["eta_error_worst"]) > 100 * ours for r in scipy_rows)
+    targets = json.loads((tmp_path / "summary.json").read_text())["targets"]
+    assert all(math.isfinite(t["measured"]) for name, t in targets.items() if "screen" in name)
+    assert (tmp_path / "runtime_vs_error.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(("metric", "order"), [("p", 2.0), ("pxq", 1.0), ("q", math.inf)])
+def test_the_experiments_reference_agrees_with_raw_geometry(metric, order):
+    """reference.py shares the derivation with the package; the twin shares nothing. To 30 digits of 50."""
+    sys.path.insert(0, str(EXPERIMENTS))
+    try:
+        from reference import Problem
+    finally:
+        sys.path.pop(0)
+    alpha, beta = {"p": (1, 0), "q": (0, 1), "pxq": (1, 1)}[metric]
+    problem, scene = Problem(1.0, 40.0, 0.6, 1.1, metric, order, "screen"), twin.Scene(1.0, 40.0, 0.6, 1.1)
+    for eta in (mp.mpf("0.02"), mp.mpf("0.3")):
+        lam = scene.lam(eta)
+        if math.isinf(order):
+            exact = scene.supremum(alpha, beta, lam)
+        else:
+            exact = twin.PowerMean(scene, alpha, beta, int(order), "screen")(lam)
+        assert abs(problem.norm(eta) / exact - 1) < mp.mpf(10) ** -30
