@@ -116,13 +116,17 @@ def _balanced(raw: list[Array], sigma: Array, centre: int, space: LightSpace, no
     balanced = [value / first for value in raw]
     for j in range(1, M + 1):  # one factor at a time: inverse^M alone may overflow
         balanced[j:] = [value * inverse for value in balanced[j:]]
-    mass = _mass(norm.volume_exponent, space)
-    amplitude = first * power(sigma, -centre) * power(1 + space.depth_range, -min(1, Q)) / mass
-    return Moments(tuple(balanced), sigma / inverse, power(amplitude, 1 / P))
+    # The roots of the factors, not of their product, which may lie below float32's normal numbers.
+    factors = first * power(sigma, -centre), power(1 + space.depth_range, min(1, Q)), _mass(norm.volume_exponent, space)
+    top, bottom, mass = (power(factor, 1 / P) for factor in factors)
+    return Moments(tuple(balanced), sigma / inverse, top / bottom / mass)
 
 
 def _mass(exponent: float, space: LightSpace) -> Array:
     """integral over t in [0, 1] of (1 + x t)^-q0, the measure's mass in the units of `depth_integrals`."""
-    L = space.log_ratio
+    x, L = space.depth_range, space.log_ratio
     growth = 1 - exponent
-    return (jnp.expm1(growth * L) / growth if growth else L) / space.depth_range
+    if not growth:
+        return L / x
+    # expm1 is for thin frusta; for deep ones it would multiply the rounding of L by growth L.
+    return jnp.where(x < 1, jnp.expm1(growth * L), power(1 + x, growth) - 1) / (growth * x)

@@ -18,7 +18,7 @@ from .chunks import in_blocks, in_chunks
 from .outcome import Outcome, failed
 from .power_mean import minimise_power_mean
 from .quadrature import QuadratureMean, default_nodes, has_moments
-from .supremum import minimise_supremum, scale_of_errors, supremum_norm
+from .supremum import in_units_of_error, minimise_supremum, supremum_norm
 
 
 class Solution(eqx.Module):
@@ -131,7 +131,7 @@ def _prepared(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, nodes: int | 
 def _norm(space: LightSpace, mean, eta: Array, norm: ErrorNorm) -> Array:
     if norm.supremum:
         return supremum_norm(space, eta, norm)
-    return mean.power_mean(eta, norm) * scale_of_errors(space, eta, norm) / power(eta, norm.metric.alpha)
+    return in_units_of_error(space, eta, mean.power_mean(eta, norm) / power(eta, norm.metric.alpha), norm)
 
 
 @functools.partial(jax.jit, static_argnames=("norm", "nodes"))

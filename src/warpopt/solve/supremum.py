@@ -39,15 +39,18 @@ def supremum_norm(space: LightSpace, eta: Float[Array, "..."], norm: ErrorNorm) 
 
     near, far = extreme_receivers(space, norm)
     errors = jnp.maximum(attained(near), attained(far) / power(1 + space.depth_range, norm.metric.depth_power))
-    return errors * scale_of_errors(space, eta, norm)
+    return in_units_of_error(space, eta, errors, norm)
 
 
-def scale_of_errors(space: LightSpace, eta: Float[Array, "..."], norm: ErrorNorm) -> Float[Array, "..."]:
-    """E_p^alpha E_q^beta over (A^2/eta)^alpha A^beta (n/z)^r: what depends on the light and the width alone."""
-    scale = power(space.mu_over_near / space.tan_phi, norm.metric.alpha)
+def in_units_of_error(space: LightSpace, eta: Array, mean: Array, norm: ErrorNorm) -> Array:
+    """E_p^alpha E_q^beta from its (A^2/eta)^alpha A^beta (n/z)^r, the part without light and width.
+
+    Factor after factor on the small number, so that no product of the large ones overflows before it.
+    """
+    error = mean * power(space.mu_over_near / space.tan_phi, norm.metric.alpha)
     if norm.metric.beta:
-        scale = scale * power(2 * (1 + space.depth_range) / inverse_width(space, eta), norm.metric.beta)
-    return scale
+        error = error * power(2 * (1 + space.depth_range) / inverse_width(space, eta), norm.metric.beta)
+    return error
 
 
 def kink(space: LightSpace) -> Float[Array, "..."]:

@@ -34,8 +34,8 @@ def checked_theta(theta: ArrayLike, frustum: ViewFrustum) -> Float[Array, "..."]
         ValueError: outside [0, pi], or NaN.
     """
     theta = jnp.asarray(theta, jnp.result_type(frustum.near, theta))
-    # The dtype's own pi: float32(pi) > pi, and it is what a user of float32 can write.
-    top = np.asarray(np.pi, theta.dtype)
+    # float32(pi), which lies 9e-8 beyond pi: what a user of float32 can write, also after promotion.
+    top = np.float32(np.pi)
     return checked("theta", theta, lambda v: (v >= 0) & (v <= top), "radians in [0, pi]")
 
 
@@ -69,10 +69,12 @@ class LightSpace(eqx.Module):
         mirrored = cos < 0
         c = jnp.where(mirrored, -cos, cos)
         T = jnp.tan(phi) * c
-        # a = s - T cancels near theta = phi; sin(theta - phi)/cos(phi) does not. Beyond pi/2 the fold pi - theta would
-        # lose digits, so it is sin(theta + phi), with the rounding of the sum put back.
-        angle = jnp.where(mirrored, theta + phi, theta - phi)
-        rounding = jnp.where(mirrored, _rounding_of_sum(theta, phi), 0)
+        # a = s - T cancels near theta = phi; sin(theta - phi)/cos(phi) does not. Beyond pi/2 the angle is pi - theta,
+        # and a float's pi would lose digits: the rest of pi and the rounding of the sum are put back.
+        pi, rest, rest_of_rest = _pi_in_parts(s.dtype)
+        difference = (pi - theta) - phi
+        angle = jnp.where(mirrored, difference + rest, theta - phi)
+        rounding = jnp.where(mirrored, _rounding_of_sum(difference, rest) + rest_of_rest, 0)
         close = (jnp.sin(angle) + rounding * jnp.cos(angle)) / jnp.cos(phi)
         a = jnp.where((T < s / 2) | (T > 2 * s), s - T, close)
         above = (a > 0) | (mirrored & (a == 0))
@@ -129,6 +131,17 @@ class LightSpace(eqx.Module):
         mu = self.mu
         delta = ((z - self.near) * self.a_plus + (self.far - z) * self.a_minus + above) / mu
         return Depth(delta, ((self.far - z) * self.b + below) / mu)
+
+
+def _pi_in_parts(dtype) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """pi as the sum of three numbers of the dtype, each the rounding of what the ones before leave."""
+    hexadecimal = "0x1.921fb54442d18p+1", "0x1.1a62633145c07p-53", "-0x1.f1976b7ed8fbcp-109"
+    parts = [float.fromhex(digits) for digits in hexadecimal]
+    if dtype == np.float64:
+        return tuple(np.asarray(part, dtype) for part in parts)
+    first = np.asarray(parts[0], dtype)
+    second = np.asarray(parts[0] - float(first), dtype)
+    return first, second, np.asarray(parts[0] - float(first) - float(second) + parts[1], dtype)
 
 
 def _rounding_of_sum(p: Array, q: Array) -> Array:
