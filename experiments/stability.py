@@ -190,10 +190,7 @@ def run_dtype(dtype, arguments) -> tuple[dict, list[dict], list[tuple]]:
         metric, order, measure = combination
         frustum = frustum_of(d)
         solution = warpopt.optimal_warp(frustum, d["theta"], metric, order, measure, throw=False)
-        at_eta = warpopt.error_norm(
-            frustum, d["theta"], warpopt.Warp.from_eta(d["eta"], d["near"]), metric, order, measure
-        )
-        solution, at_eta = jax.tree.map(np.asarray, (solution, at_eta))
+        solution, at_eta = jax.tree.map(np.asarray, solution), norm_of(d, combination)
         order_of_doubt = np.argsort(-indicator)
         chosen = np.unique(np.concatenate([np.arange(stratified), order_of_doubt[:hardest]]))
         errors = [reference_errors(d, int(i), solution, at_eta, combination) for i in chosen]
