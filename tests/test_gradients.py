@@ -128,7 +128,7 @@ def test_check_grads():
 
 
 def test_second_derivative_through_the_implicit_one():
-    """d2 log(eta) / d log(far)2 of a bracketed root (E_p, L-inf, iterated), against a difference of the first.
+    """d2 log(eta) / d log(far)2 of a bracketed root (E_p, L-inf, iterated), against differences of the first.
 
     Step 1e-4: truncation 1e-8, rounding 1e-11.
     """

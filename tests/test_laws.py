@@ -56,6 +56,9 @@ def test_the_norm_falls_then_rises(metric, norm, view):
     best = warpopt.optimal_warp(frustum, theta, metric, norm)
     eta = np.exp(np.linspace(np.log(1e-7), 0, 7))[:, None] * np.ones(BATCH)
     values = np.asarray(warpopt.error_norm(frustum, theta, warpopt.Warp.from_eta(eta, 1.0), metric, norm))
+    beside = warpopt.Warp.from_eta(np.minimum(best.warp.eta * np.exp(np.linspace(-0.3, 0.3, 7))[:, None], 1), 1.0)
+    around = np.asarray(warpopt.error_norm(frustum, theta, beside, metric, norm))
+    assert (around >= np.asarray(best.value) * (1 - 1e-13)).all()
     inner, before, after = values[1:-1], values[:-2], values[2:]
     assert (inner <= np.maximum(before, after) * (1 + 1e-13)).all()
     assert (values >= np.asarray(best.value) * (1 - 1e-13)).all()

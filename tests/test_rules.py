@@ -123,7 +123,7 @@ def test_tsm_maps_its_focus_point_to_xi(kappa, xi):
 
 
 def test_tsm_of_a_light_along_the_view():
-    """VN 3: lambda_TSM(theta = 0) = mu / 3 for kappa = .5, xi = .8; then s(1/4) = 4/7: half the map for a quarter."""
+    """VN 3: lambda_TSM(theta = 0) = mu / 3 for kappa = .5, xi = .8; then s(1/4) = 4/7, over half the map."""
     warp = warpopt.rules.tsm(PAPER, 0.0)
     assert float(warp.lam_over_mu) == pytest.approx(1 / 3, rel=8 * EPS)
     assert float(warp.lam) == pytest.approx(float(warp.mu) / 3, rel=8 * EPS)
