@@ -163,7 +163,7 @@ def test_schema_is_json_and_names_every_section(capsys):
     assert set(json.loads(capsys.readouterr().out)["properties"]) == {"view", "light", "objective", "output"}
 
 
-def test_a_failed_run_leaves_nothing_and_keeps_the_earlier_result(folder, monkeypatch):
+def test_a_failed_run_leaves_nothing_and_keeps_the_earlier_result(folder, monkeypatch, capsys):
     assert invoke("run", "config.toml") == 0
     before = {p.name: p.read_bytes() for p in (folder / "out").iterdir()}
 
@@ -171,26 +171,68 @@ def test_a_failed_run_leaves_nothing_and_keeps_the_earlier_result(folder, monkey
         raise OSError("disk full")
 
     monkeypatch.setattr(run, "write_arrays", broken)
-    with pytest.raises(OSError, match="disk full"):
-        cli.main(["run", "config.toml"])
+    assert invoke("run", "config.toml") == 1
+    assert "disk full" in capsys.readouterr().err
+    monkeypatch.setattr(run, "write_arrays", interrupted)
+    assert invoke("run", "config.toml") == 130
     assert {p.name: p.read_bytes() for p in (folder / "out").iterdir()} == before
     assert sorted(p.name for p in folder.iterdir()) == ["config.toml", "out"]
+
+
+def interrupted(*_):
+    raise KeyboardInterrupt
+
+
+def test_a_linked_folder_is_replaced_where_it_points_to(folder):
+    assert invoke("run", "config.toml") == 0
+    (folder / "link").symlink_to(folder / "out")
+    assert invoke("run", "config.toml", "--output.directory", "link", "--objective.metrics", "p") == 0
+    assert (folder / "link").is_symlink()
+    assert json.loads((folder / "out/run.json").read_text())["config"]["objective"]["metrics"] == ["p"]
+    assert sorted(p.name for p in folder.iterdir()) == ["config.toml", "link", "out"]
+
+
+@pytest.mark.parametrize("name", ["view.near", "view.far", "light.theta_deg", "objective.norms", "objective.measure"])
+@pytest.mark.parametrize("value", ["[]", "{}", "[[1]]", "true", '"x"', "1979-01-01", "nan"])
+def test_a_value_of_the_wrong_kind_is_refused_in_words(folder, capsys, name, value):
+    assert invoke("run", "config.toml", f"--{name}", value) == 2
+    message = capsys.readouterr().err
+    assert f"  {name}" in message
+    assert "Traceback" not in message
+
+
+def test_a_norm_named_twice_is_refused(folder, capsys):
+    assert invoke("run", "config.toml", "--objective.norms", '["l2", 2]') == 2
+    assert "expected no value twice" in capsys.readouterr().err
+
+
+def test_a_failed_solve_does_not_pass_for_no_warp(folder, capsys):
+    problem = ["--near", "1", "--far", "1e15", "--half-fov-deg", "30", "--theta-deg", "60", "--norm", "l2"]
+    assert invoke("solve", *problem, "--json") == 1
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["outcome"] == "not_finite"
+    assert answer["no_warp"] is False
+    assert answer["eta"] is None
+    assert answer["lambda"] is None
 
 
 def test_a_folder_that_is_no_result_is_refused_and_kept(folder, capsys):
     (folder / "out").mkdir()
     (folder / "out/thesis.txt").write_text("years of work")
     assert invoke("run", "config.toml") == 2
-    assert "run.json" in capsys.readouterr().err
+    assert "thesis.txt" in capsys.readouterr().err
     assert (folder / "out/thesis.txt").read_text() == "years of work"
 
 
-def test_a_result_is_replaced_whole(folder):
-    assert invoke("run", "config.toml") == 0
-    (folder / "out/stale.png").write_bytes(b"")
+def test_a_result_is_replaced_whole_unless_someone_added_to_it(folder, capsys):
+    assert invoke("run", "config.toml", "--output.figures", "true", "--light.theta_deg", "[60]") == 0
     assert invoke("run", "config.toml", "--objective.metrics", "p") == 0
-    assert not (folder / "out/stale.png").exists()
+    assert not list((folder / "out").glob("*.png"))
     assert sorted(p.name for p in folder.iterdir()) == ["config.toml", "out"]
+    (folder / "out/notes.txt").write_text("mine")
+    assert invoke("run", "config.toml") == 2
+    assert "notes.txt" in capsys.readouterr().err
+    assert (folder / "out/notes.txt").read_text() == "mine"
 
 
 def test_help_and_refusals_do_not_wait_for_jax():

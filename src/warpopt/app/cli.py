@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -71,6 +72,8 @@ def main(arguments: list[str] | None = None) -> None:
         return_unknown_args=True,
         config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
     )
+    # A batch system's request to end is treated as Ctrl-C: clean up, then go.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         if rest and not isinstance(command, Run):
             raise ConfigError(f"unknown argument(s): {' '.join(rest)}")
@@ -78,8 +81,11 @@ def main(arguments: list[str] | None = None) -> None:
     except ConfigError as error:
         print(f"warpopt: {error}", file=sys.stderr)
         raise SystemExit(2) from None
+    except OSError as error:
+        print(f"warpopt: {error}; no result was written, an earlier one is as it was", file=sys.stderr)
+        raise SystemExit(1) from None
     except KeyboardInterrupt:
-        print("warpopt: interrupted; nothing was written", file=sys.stderr)
+        print("warpopt: interrupted", file=sys.stderr)
         raise SystemExit(130) from None
 
 

@@ -19,9 +19,10 @@ class _Section(pydantic.BaseModel):
     model_config = pydantic.ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-Positive = Annotated[float, Field(gt=0)]
-HalfFovDeg = Annotated[float, Field(gt=0, lt=90)]
-ThetaDeg = Annotated[float, Field(ge=0, le=180)]
+# Strict: a number is neither true nor "30".
+Positive = Annotated[float, Field(gt=0, strict=True)]
+HalfFovDeg = Annotated[float, Field(gt=0, lt=90, strict=True)]
+ThetaDeg = Annotated[float, Field(ge=0, le=180, strict=True)]
 Measure = Literal["volume", "screen", "log_depth", "ground", "axis"]
 Metric = Literal["p", "q", "pxq"]
 
@@ -33,9 +34,11 @@ def _norm(value: Any) -> Any:
             value = float(value)
         except ValueError:
             raise ValueError("expected 'inf', 'l1', 'l2' or a real order >= 1") from None
-    if isinstance(value, bool) or (not isinstance(value, str) and not 1 <= value):
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 1:
         raise ValueError("expected 'inf', 'l1', 'l2' or a real order >= 1")
-    return "inf" if value == math.inf else value
+    return {math.inf: "inf", 1: "l1", 2: "l2"}.get(value, float(value))  # one name for one norm
 
 
 Norm = Annotated[Literal["inf", "l1", "l2"] | float, pydantic.BeforeValidator(_norm)]
@@ -44,9 +47,9 @@ Norm = Annotated[Literal["inf", "l1", "l2"] | float, pydantic.BeforeValidator(_n
 class ThetaRange(_Section):
     """Evenly spaced directions."""
 
-    start: ThetaDeg = 0.0
-    stop: ThetaDeg = 90.0
-    count: Annotated[int, Field(ge=1, le=10_000_000)] = 91
+    start: ThetaDeg
+    stop: ThetaDeg
+    count: Annotated[int, Field(ge=1, le=10_000_000, strict=True)]
 
     def values(self) -> np.ndarray:
         return np.linspace(self.start, self.stop, self.count)
@@ -54,6 +57,15 @@ class ThetaRange(_Section):
 
 def _listed(value: Any) -> Any:
     return value if isinstance(value, list | tuple) else [value]
+
+
+def _distinct(values: list) -> list:
+    if len(set(values)) < len(values):
+        raise ValueError("expected no value twice")
+    return values
+
+
+Distinct = pydantic.AfterValidator(_distinct)
 
 
 def _beyond(far: list[float], info: pydantic.ValidationInfo) -> list[float]:
@@ -67,8 +79,8 @@ class ViewConfig(_Section):
     """View frusta: every combination of the listed values."""
 
     near: Positive = 1.0
-    far: Annotated[list[Positive], pydantic.BeforeValidator(_listed), Field(min_length=1)]
-    half_fov_deg: Annotated[list[HalfFovDeg], pydantic.BeforeValidator(_listed), Field(min_length=1)]
+    far: Annotated[list[Positive], pydantic.BeforeValidator(_listed), Field(min_length=1), Distinct]
+    half_fov_deg: Annotated[list[HalfFovDeg], pydantic.BeforeValidator(_listed), Field(min_length=1), Distinct]
 
     @pydantic.field_validator("far")
     @classmethod
@@ -96,8 +108,8 @@ class LightConfig(_Section):
 class ObjectiveConfig(_Section):
     """What is minimised: every metric in every norm, over one measure."""
 
-    metrics: Annotated[list[Metric], pydantic.BeforeValidator(_listed), Field(min_length=1)] = ["p"]
-    norms: Annotated[list[Norm], pydantic.BeforeValidator(_listed), Field(min_length=1)] = ["inf"]
+    metrics: Annotated[list[Metric], pydantic.BeforeValidator(_listed), Field(min_length=1), Distinct] = ["p"]
+    norms: Annotated[list[Norm], pydantic.BeforeValidator(_listed), Field(min_length=1), Distinct] = ["inf"]
     measure: Measure = "screen"
 
 
@@ -144,7 +156,7 @@ def validated(model: type[pydantic.BaseModel], data: dict[str, Any], source: str
         return model.model_validate(data)
     except pydantic.ValidationError as error:
         lines = [_flaw(flaw) for flaw in error.errors()]
-        raise ConfigError("\n".join([f"{source}: {len(lines)} flaw(s)", *lines])) from None
+        raise ConfigError("\n".join([f"{source}: {len(lines)} flaw{'s' * (len(lines) > 1)}", *lines])) from None
 
 
 def _flaw(flaw: Any) -> str:
@@ -157,7 +169,16 @@ def _flaw(flaw: Any) -> str:
     if flaw["type"] == "missing":
         return f"  {path}: missing"
     got = flaw["input"]
-    return f"  {path}: got {got!r}; {message}" if path else f"  {message}"
+    return f"  {path}: got {got!r}, {_expectation(message)}" if path else f"  {_expectation(message)}"
+
+
+def _expectation(message: str) -> str:
+    """pydantic's words in ours."""
+    if message.startswith("List should have at least"):
+        return "expected at least one item"
+    if "valid dictionary" in message:
+        return "expected a table of keys"
+    return message.replace("Input should be", "expected").replace("Input should have", "expected")
 
 
 def read_config(path: Path, overrides: list[str]) -> RunConfig:

@@ -73,8 +73,9 @@ def _lambda_caption(sweep: Sweep) -> str:
     sentences = [
         f"λ/μ against the angle θ between view and light, for every published rule and for the optimum of each "
         f"metric and norm (measure: {sweep.measure}), at f/n = {ratios} and φ = {first.half_fov_deg:g}°.",
-        "The tracks above each panel are filled where no warp (λ = ∞) is optimal; a dotted line marks θ = φ.",
-        "A rule's curve is missing where the rule yields no λ > 0.",
+        "The tracks above each panel are filled where no warp (λ = ∞) is optimal; a grey dotted line marks θ = φ, a "
+        "black one the direction where E_q's optimum jumps to no warp.",
+        "A curve is missing where a rule yields no λ > 0 or leaves the axis.",
         _no_warp_sentence(sweep),
         _left_out_sentence(left_out_views(sweep), "view", "views with other f/n or φ"),
         _norms_sentence(sweep),
@@ -129,7 +130,7 @@ def _error_distribution(sweep: Sweep, errors: Distributions) -> tuple[Figure, st
         f"LiSPSM, TSM (κ = {_KAPPA}, ξ = {_XI}) and the L∞ optimum of the panel's own metric.",
         "All panels share one logarithmic colour scale of base 5, with lines at the powers of 5; the near end stands "
         "magnified in the upper left corner, and the number is the largest error over the frustum.",
-        f"At θ = {THETAS_DEG[0]:g}° SSM's largest error is, for {gains} the optimum's.",
+        f"At θ = {THETAS_DEG[0]:g}° SSM's largest error over the optimum's is, for {gains}.",
         _left_out_sentence(len(sweep.views) - 1, "view", "views of the run"),
     ]
     return error_distribution_figure(view, errors), " ".join(filter(None, sentences))

@@ -30,6 +30,7 @@ class Finding:
     norm: str
     no_warp: str
     worst: dict[str, tuple[float, float]]  # rule: (largest ratio where the rule is defined, theta_deg); NaN if nowhere
+    everywhere: frozenset[str]  # the rules that are defined for every direction of the table
     harmful: dict[str, str]  # rule: the directions where it is worse than no warp, as ranges
     failures: int
 
@@ -73,6 +74,7 @@ def _finding(sweep: Sweep, i: int, optimum: OptimumCurves, order: np.ndarray) ->
         optimum.norm,
         ranges_of(theta, result == warpopt.Outcome.no_warp) or "none",
         worst,
+        frozenset(name for name in RULES if sweep.rules[name].defined[i].all()),
         harmful,
         int((result > warpopt.Outcome.no_warp).sum()),
     )
@@ -98,14 +100,38 @@ def _paragraph(finding: Finding) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
+def _closest(found: list[Finding]) -> str:
+    """In words: for each objective, the rule that is closest to the optimum in its worst direction."""
+    words = []
+    for f in found:
+        complete = {name: worst for name, worst in f.worst.items() if name in f.everywhere and name != "ssm"}
+        if complete:
+            name = min(complete, key=lambda rule: complete[rule][0])
+            ratio, theta = complete[name]
+            words.append(
+                f"- E_{f.metric}, norm {f.norm}, f/n = {f.depth_ratio:g}, half field of view {f.half_fov_deg:g} deg: "
+                f"of the rules that always give a warp, {TITLES[name]} is the closest, at worst {ratio:.4g} times the "
+                f"optimum's error (at {theta:g} deg); no warp is at worst {f.worst['ssm'][0]:.4g} times."
+            )
+    return "\n".join(words) + "\n"
+
+
 def report(config: RunConfig, sweep: Sweep, found: list[Finding], figures: list[tuple[str, str]]) -> str:
     """The report as Markdown."""
     n_directions, n_views = len(sweep.theta_deg), len(sweep.views)
+    failures = sum(f.failures for f in found)
     parts = [
         "# Optimal perspective warps\n",
-        f"{n_views} view(s), {n_directions} light direction(s) from {sweep.theta_deg.min():g} to "
-        f"{sweep.theta_deg.max():g} deg, norms over the measure `{sweep.measure}`. Every optimum is a global minimum: "
-        "its stationarity condition changes sign once, or it is a tie or a kink with the right signs on both sides.\n",
+        f"{_counted(n_views, 'view')}, {_counted(n_directions, 'light direction')} from {sweep.theta_deg.min():g} to "
+        f"{sweep.theta_deg.max():g} deg, norms over the measure `{sweep.measure}`.\n",
+        f"**{_counted(failures, 'problem')} could not be solved**; `run.json` names each outcome.\n"
+        if failures
+        else "Every optimum is a global minimum: its stationarity condition changes sign once, or it is a tie or a "
+        "kink with the right signs on both sides.\n",
         "`table.csv` and `table.npz` hold eta, lambda / mu, lambda and the minimal norm for each direction, and after "
         "them each rule's norm as a multiple of the minimum; `run.json` has configuration, versions and outcomes. "
         "lambda is the near-plane distance of the warping frustum (inf: no warp), mu its depth range, and "
@@ -117,5 +143,6 @@ def report(config: RunConfig, sweep: Sweep, found: list[Finding], figures: list[
         parts.append("## Figures\n")
         parts += [f"![{stem}]({stem}.png)\n\n*{caption}*\n" for stem, caption in figures]
     parts.append("## What was found\n")
+    parts.append(_closest(found))
     parts += [_paragraph(f) for f in found]
     return "\n".join(parts)

@@ -43,7 +43,10 @@ def run(config: RunConfig, console: Console | None = None) -> int:
     timings: dict[str, float] = {}
     steps = 1 + len(objectives(config.objective.metrics, config.objective.norms)) + 4 * config.output.figures
     columns = (TextColumn("{task.description:<24}"), BarColumn(), TimeElapsedColumn())
-    with whole_folder(config.output.directory) as folder, Progress(*columns, console=console, transient=True) as bar:
+    with (
+        whole_folder(config.output.directory) as folder,
+        Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar,
+    ):
         task = bar.add_task("starting", total=steps)
 
         def progress(done: str) -> None:
@@ -67,7 +70,7 @@ def run(config: RunConfig, console: Console | None = None) -> int:
         timings["figures_s"] = time.perf_counter() - start
         found = findings(sweep)
         (folder / "report.md").write_text(report(config, sweep, found, figures), encoding="utf-8")
-        record = run_record(config, sweep, timings)
+        record = run_record(config, sweep, timings) | {"files": sorted([*(p.name for p in folder.iterdir()), MARK])}
         (folder / MARK).write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     failures = sum(int((~_succeeded(o)).sum()) for o in sweep.optima)
     _summarise(console, found, config.output.directory, failures)
@@ -166,7 +169,7 @@ def _json_table(sweep: Sweep, optimum: OptimumCurves, i: int) -> dict[str, Any]:
                 "eta": finite_or_none(optimum.eta[i, j]),
                 "lambda_over_mu": finite_or_none(optimum.lam_over_mu[i, j]),
                 "lambda": finite_or_none(optimum.lam[i, j]),
-                "no_warp": bool(optimum.result[i, j] == warpopt.Outcome.no_warp),
+                "no_warp": bool(np.isinf(optimum.lam[i, j])),
                 "value": finite_or_none(optimum.value[i, j]),
                 "outcome": warpopt.Outcome(int(optimum.result[i, j])).name,
             }
@@ -176,8 +179,8 @@ def _json_table(sweep: Sweep, optimum: OptimumCurves, i: int) -> dict[str, Any]:
 
 
 def _summarise(console: Console, found: list[Finding], directory: Path, failures: int) -> None:
-    table = Table(title="Largest error over the optimum's, over all directions")
-    for column in ("f/n", "half fov", "objective", "no warp is best for", *(TITLES[name] for name in _SHOWN_RULES)):
+    table = Table(title="Worst ratio of error to optimal error, over all directions")
+    for column in ("f/n", "half fov", "objective", "no warp is optimal for", *(TITLES[name] for name in _SHOWN_RULES)):
         table.add_column(column, justify="right")
     for f in found:
         worst = (f"{f.worst[name][0]:.4g}" for name in _SHOWN_RULES)

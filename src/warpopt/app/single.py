@@ -29,20 +29,20 @@ def _optimum(problem: Problem, optimum: OptimumCurves) -> dict[str, Any]:
     lam = float(optimum.lam[0, 0])
     return {
         **problem.model_dump(),
-        "eta": float(optimum.eta[0, 0]),
+        "eta": finite_or_none(optimum.eta[0, 0]),
         "lambda_over_mu": finite_or_none(optimum.lam_over_mu[0, 0]),
         "lambda": finite_or_none(lam),
         "no_warp": math.isinf(lam),
         "value": finite_or_none(optimum.value[0, 0]),
         "outcome": outcome.name,
         "outcome_sentence": outcome.sentence,
-        "residual": float(optimum.residual[0, 0]),
+        "residual": finite_or_none(optimum.residual[0, 0]),
     }
 
 
-def _shown(value: Any) -> str:
+def _shown(value: Any, no_warp: bool = False) -> str:
     if value is None:
-        return "inf (no warp)"
+        return "inf (no warp)" if no_warp else "none"
     return f"{value:.10g}" if isinstance(value, float) else str(value)
 
 
@@ -56,7 +56,7 @@ def solve(problem: Problem, as_json: bool) -> int:
             show_header=False, title=f"Optimal warp, {problem.metric} in {problem.norm} over {problem.measure}"
         )
         for key in ("eta", "lambda_over_mu", "lambda", "value", "outcome_sentence"):
-            table.add_row(key.replace("outcome_sentence", "outcome"), _shown(answer[key]))
+            table.add_row(key.replace("outcome_sentence", "outcome"), _shown(answer[key], answer["no_warp"]))
         rich.print(table)
     return 0 if warpopt.Outcome[answer["outcome"]].succeeded else 1
 
@@ -81,9 +81,11 @@ def rules(problem: Problem, as_json: bool) -> int:
         table = Table(title=f"{problem.metric} in {problem.norm} over {problem.measure}: error over the optimum's")
         for column in ("rule", "lambda", "lambda/mu", "ratio"):
             table.add_column(column, justify="left" if column == "rule" else "right")
-        table.add_row("optimum", _shown(answer["lambda"]), _shown(answer["lambda_over_mu"]), "1", style="bold")
+        optimal = (_shown(answer[key], answer["no_warp"]) for key in ("lambda", "lambda_over_mu"))
+        table.add_row("optimum", *optimal, "1", style="bold")
         for name, row in rows.items():
             note = "" if row["defined"] else " (undefined here)"
-            table.add_row(name + note, _shown(row["lambda"]), _shown(row["lambda_over_mu"]), _shown(row["ratio"]))
+            lams = (_shown(row[key], row["no_warp"]) for key in ("lambda", "lambda_over_mu"))
+            table.add_row(name + note, *lams, _shown(row["ratio"]))
         rich.print(table)
     return 0 if warpopt.Outcome[answer["outcome"]].succeeded else 1

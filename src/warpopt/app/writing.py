@@ -1,6 +1,7 @@
 """Folders of results that appear whole or not at all."""
 
 import contextlib
+import json
 import os
 import shutil
 import tempfile
@@ -22,11 +23,19 @@ def check_replaceable(directory: Path) -> None:
         return
     if not directory.is_dir():
         raise ConfigError(f"output.directory: got {directory}, which is a file; expected a folder")
-    if any(directory.iterdir()) and not (directory / MARK).is_file():
+    strangers = sorted({path.name for path in directory.iterdir()} - _written_before(directory))
+    if strangers:
         raise ConfigError(
-            f"output.directory: got {directory}, a folder that holds no {MARK} and so is not an earlier result; "
-            "expected a new or empty folder, or one to replace"
+            f"output.directory: got {directory}, which holds {strangers[0]!r} that no earlier run wrote (its {MARK} would "
+            "name it); expected a new or empty folder, or an earlier result to replace"
         )
+
+
+def _written_before(directory: Path) -> set[str]:
+    try:
+        return set(json.loads((directory / MARK).read_text(encoding="utf-8"))["files"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
 
 
 @contextlib.contextmanager
@@ -39,7 +48,7 @@ def whole_folder(directory: Path) -> Iterator[Path]:
         ConfigError: as `check_replaceable`, or the folder cannot be made.
     """
     check_replaceable(directory)
-    directory = directory.absolute()
+    directory = directory.resolve()  # through links, so that what they point to is replaced
     try:
         directory.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{directory.name}.", suffix=".part", dir=directory.parent))
@@ -48,18 +57,16 @@ def whole_folder(directory: Path) -> Iterator[Path]:
     try:
         yield temporary
         temporary.chmod(0o777 & ~_umask())
-        aside = None
-        if directory.exists():
-            aside = temporary.with_suffix(".old")
-            directory.rename(aside)
+        aside = temporary.with_suffix(".old")
         try:
+            if directory.exists():
+                directory.rename(aside)
             temporary.rename(directory)
         except BaseException:
-            if aside is not None:
+            if aside.exists() and not directory.exists():
                 aside.rename(directory)
             raise
-        if aside is not None:
-            shutil.rmtree(aside, ignore_errors=True)
+        shutil.rmtree(aside, ignore_errors=True)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

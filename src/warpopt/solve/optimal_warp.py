@@ -28,9 +28,10 @@ class Solution(eqx.Module):
         warp: the optimal `Warp` (eta, lam, mu).
         value: the minimal norm.
         result: array of `Outcome`, the mechanism that fixed the optimum or the reason for failure.
-        residual: |log P+ - log P-| of the stationarity condition at eta, or the relative gap of the tie; 0 for a kink
-            or no warp. log(eta) is within the residual of the global optimum, because the condition's slope in
-            log(eta) is at least 1 and the objective is pseudo-convex.
+        residual: by how much the equation that fixed eta is violated: |log P+ - log P-| of the stationarity condition,
+            or the relative gap of the tie; 0 for a kink or no warp. Where the optimum is stationary, the condition
+            changes sign once and its slope in log(eta) is at least 1 (moments, L-inf), so that log(eta) is within the
+            residual, and the rounding of evaluating it, of the global optimum.
     """
 
     warp: Warp
@@ -60,7 +61,8 @@ def optimal_warp(
         measure: "volume", "screen", "log_depth", "ground" or "axis".
         method: "auto" solves in closed form what has one; "iterative" forces the root finder everywhere.
         quadrature_nodes: nodes over the depth for norms whose M = (2 alpha + beta) order is not an integer, which are
-            integrated numerically (default: 64 and more for large orders); given, it forces that for every L_P norm.
+            integrated numerically (default: 64, and more for large orders, whose integrands peak; beyond an order of
+            about 100 give more, or the outcome is `inaccurate`); given, it forces that for every L_P norm.
         throw: raise if any problem failed; otherwise `Solution.result` tells.
 
     Raises:
@@ -158,9 +160,11 @@ def _solve_chunk(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative:
         optimum = mean.minimise()
     value = _norm(space, mean, optimum.eta, norm)
     finite = jnp.isfinite(value) & jnp.isfinite(optimum.eta)
-    outcome = jnp.where(finite, optimum.outcome, Outcome.not_finite)
-    warp = Warp(optimum.eta, optimum.one_minus_eta, space.mu, jnp.ones((), bool))
-    return Solution(warp, value, outcome, optimum.residual)
+    outcome = jnp.where(optimum.eta < 1, optimum.outcome, jnp.maximum(optimum.outcome, Outcome.no_warp))
+    outcome = jnp.where(finite, outcome, Outcome.not_finite).astype(jnp.int32)
+    # A failure must not pass for "no warp".
+    eta, one_minus_eta = (jnp.where(finite, v, jnp.nan) for v in (optimum.eta, optimum.one_minus_eta))
+    return Solution(Warp(eta, one_minus_eta, space.mu, jnp.ones((), bool)), value, outcome, optimum.residual)
 
 
 def _raised(solution: Solution) -> Solution:

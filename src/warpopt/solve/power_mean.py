@@ -41,7 +41,8 @@ def minimise_power_mean(space: LightSpace, moments: Moments, norm: ErrorNorm, it
     far = space.edge(0.0)[1]
     top = stationarity(moments, norm, (far.one_minus_delta * moments.scale, far.delta))
     rise, terms = value_over_leading(top, 1 / moments.scale)
-    # A rise within rounding of zero is a flat optimum: the largest eta is returned, no warp.
+    # A rise within rounding of zero is a flat optimum: the largest eta is returned, no warp. Each term carries a few
+    # roundings of its coefficient and one of the sum.
     helps = rise > 4 * len(top[0]) * jnp.finfo(rise.dtype).eps * terms
     chosen, at_kink = top, jnp.zeros(rise.shape, bool)
     if norm.metric.beta:

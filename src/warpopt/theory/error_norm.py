@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import numbers
 from typing import Literal, get_args
 
 Measure = Literal["volume", "screen", "log_depth", "ground", "axis"]
@@ -32,7 +33,7 @@ class Metric:
     def __post_init__(self):
         for name in ("alpha", "beta"):
             value = getattr(self, name)
-            if not (isinstance(value, int | float) and 0 <= value < math.inf):
+            if isinstance(value, bool) or not (isinstance(value, numbers.Real) and 0 <= value < math.inf):
                 raise ValueError(f"metric: got {name} = {value!r}, expected a finite number >= 0")
             object.__setattr__(self, name, float(value))
         if self.alpha == self.beta == 0:
@@ -77,7 +78,7 @@ class ErrorNorm:
         if measure not in get_args(Measure):
             raise ValueError(f"measure: got {measure!r}, expected one of {', '.join(map(repr, get_args(Measure)))}")
         order = {"inf": math.inf, "l1": 1.0, "l2": 2.0}.get(norm, norm) if isinstance(norm, str) else norm
-        if isinstance(order, str) or isinstance(order, bool) or not order >= 1:
+        if isinstance(order, bool) or not (isinstance(order, numbers.Real) and order >= 1):
             raise ValueError(f"norm: got {norm!r}, expected 'inf', 'l1', 'l2' or a real order >= 1")
         if metric.beta > 0 and metric.blend_power * order < 1:
             raise ValueError(

@@ -12,7 +12,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import checked
+from .._checks import checked, float_arrays, joint_shape
 from .frustum import ViewFrustum
 
 
@@ -31,9 +31,10 @@ def checked_theta(theta: ArrayLike, frustum: ViewFrustum) -> Float[Array, "..."]
     """theta as an array of the frustum's dtype.
 
     Raises:
-        ValueError: outside [0, pi], or NaN.
+        ValueError: outside [0, pi], or NaN, or of a shape that does not broadcast with the frustum.
     """
-    theta = jnp.asarray(theta, jnp.result_type(frustum.near, theta))
+    theta, near = float_arrays(theta=theta, near=frustum.near)
+    joint_shape(theta=theta, frustum=near)
     # float32(pi), which lies 9e-8 beyond pi: what a user of float32 can write, also after promotion.
     top = np.float32(np.pi)
     return checked("theta", theta, lambda v: (v >= 0) & (v <= top), "radians in [0, pi]")

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import checked
+from .._checks import checked, float_arrays
 from .frustum import ViewFrustum
 
 
@@ -34,20 +34,22 @@ class Warp(eqx.Module):
         """The warp of a given eta.
 
         Raises:
-            ValueError: eta outside (0, 1] or NaN.
+            ValueError: eta outside (0, 1], mu <= 0, or NaN.
         """
-        eta = jnp.asarray(eta, jnp.result_type(eta, mu, float))
+        eta, mu = float_arrays(eta=eta, mu=mu)
+        mu = checked("mu", mu, lambda v: v > 0, "a length > 0")
         eta = checked("eta", eta, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
-        return cls(eta, 1 - eta, jnp.asarray(mu, eta.dtype), jnp.ones(eta.shape, bool))
+        return cls(eta, 1 - eta, mu, jnp.ones(eta.shape, bool))
 
     @classmethod
     def from_lam(cls, lam: ArrayLike, mu: ArrayLike) -> "Warp":
         """The warp of a given near-plane distance lambda (inf for none), a length.
 
         Raises:
-            ValueError: lambda <= 0 or NaN.
+            ValueError: lambda <= 0, mu <= 0, or NaN.
         """
-        lam = jnp.asarray(lam, jnp.result_type(lam, mu, float))
+        lam, mu = float_arrays(lam=lam, mu=mu)
+        mu = checked("mu", mu, lambda v: v > 0, "a length > 0")
         lam = checked("lam", lam, lambda v: v > 0, "a number > 0, or inf")
         return cls.from_range_ratio(mu / lam, mu)
 
