@@ -14,7 +14,7 @@ LOG_RATIO = np.array([1e-9, 0.2, 0.4999, 0.5, 2.25, 2.9957, 3.0, 8.0064, 8.25, 8
 
 @pytest.mark.parametrize(("degree", "exponent"), [(2, 1.0), (2, 2.0), (4, 2.0), (6, 4.0)])
 def test_depth_integrals(degree, exponent):
-    """To (32 M + 8 L) eps: M powers of a rounded node each, and exponentials of multiples of L. Panel edges included."""
+    """To (32 M + 8 L) eps: M powers of a rounded node each, and exponentials of multiples of L. Panel edges too."""
     got = np.asarray(depth_integrals(degree, exponent, jnp.asarray(LOG_RATIO)))
     for i, row in enumerate(got):
         for value, log_ratio in zip(row, LOG_RATIO, strict=True):
