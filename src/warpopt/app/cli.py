@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 
 from .config import ConfigError, Problem, RunConfig, read_config, validated
+from .launcher import ProcessDied
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,8 +79,11 @@ def main(arguments: list[str] | None = None) -> None:
     except ConfigError as error:
         print(f"warpopt: {error}", file=sys.stderr)
         raise SystemExit(2) from None
+    except ProcessDied as error:
+        print(f"warpopt: {error}\nIts finished blocks are kept; the same command resumes from them.", file=sys.stderr)
+        raise SystemExit(1) from None
     except KeyboardInterrupt:
-        print("warpopt: interrupted; nothing was written", file=sys.stderr)
+        print("warpopt: interrupted; no result was written", file=sys.stderr)
         raise SystemExit(130) from None
 
 
@@ -93,10 +97,7 @@ def _dispatch(command: Run | Solve | Rules | Schema, rest: list[str]) -> None:
         from .writing import check_replaceable
 
         check_replaceable(config.output.directory)
-        _prepare_jax()
-        from .run import run
-
-        raise SystemExit(run(config))
+        raise SystemExit(_run(config, [str(command.config), *rest]))
     else:
         fields = dataclasses.asdict(command)
         as_json = fields.pop("json")
@@ -107,11 +108,35 @@ def _dispatch(command: Run | Solve | Rules | Schema, rest: list[str]) -> None:
         raise SystemExit((single.solve if isinstance(command, Solve) else single.rules)(problem, as_json))
 
 
-def _prepare_jax() -> None:
+def _run(config: RunConfig, arguments: list[str]) -> int:
+    compute = config.compute
+    _prepare_jax(compute.devices_per_process)
+    if compute.process_id is not None:
+        from .worker import work
+
+        return work(config)
+    if compute.processes > 1:
+        from .job import job_of
+        from .launcher import free_address, launch, worker_command
+        from .parts import folder_of
+
+        address = compute.coordinator or free_address()
+        commands = [worker_command(arguments, process, address) for process in range(compute.processes)]
+        launch(commands, folder_of(config.output.directory, job_of(config)), compute.timeout_s, print)
+    from .run import run
+
+    return run(config)
+
+
+def _prepare_jax(devices: int | None = None) -> None:
     """Double precision, on the user's own settings where there are any."""
     os.environ.setdefault("JAX_ENABLE_X64", "1")
     # Tables are small: compiling is most of the time, and code of level 0 halves it.
-    os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+    flags = os.environ.get("XLA_FLAGS", "")
+    if "xla_backend_optimization_level" not in flags:
+        os.environ["XLA_FLAGS"] = f"{flags} --xla_backend_optimization_level=0".strip()
+    if devices is not None:
+        os.environ["JAX_NUM_CPU_DEVICES"] = str(devices)
 
 
 if __name__ == "__main__":
