@@ -62,7 +62,8 @@ class Parts:
 
     def _checked(self, path: Path, block: int) -> Block:
         try:
-            with np.load(path) as file:
+            # opened here: np.load leaves a file open that it finds to be no archive
+            with path.open("rb") as stream, np.load(stream) as file:
                 arrays = {name: file[name] for name in file.files}
         except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error):
             raise BadPart("truncated or not a part") from None
