@@ -101,6 +101,7 @@ def test_a_process_that_dies_is_named_and_the_rerun_resumes_to_the_same_bits(fol
     assert not (folder / "out").exists()
     kept = len(list(folder.glob(".out.*.parts/block-*.npz")))
     assert 0 < kept < BLOCKS
+    assert f"{kept} of {BLOCKS} blocks are finished and kept; the same command resumes" in words
     done[0].write_bytes(done[0].read_bytes()[:1000])
 
     told = run(folder, "--compute.processes", "2")

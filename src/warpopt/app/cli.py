@@ -80,7 +80,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"warpopt: {error}", file=sys.stderr)
         raise SystemExit(2) from None
     except ProcessDied as error:
-        print(f"warpopt: {error}\nIts finished blocks are kept; the same command resumes from them.", file=sys.stderr)
+        print(f"warpopt: {error}", file=sys.stderr)
         raise SystemExit(1) from None
     except KeyboardInterrupt:
         print("warpopt: interrupted; no result was written", file=sys.stderr)
@@ -118,14 +118,25 @@ def _run(config: RunConfig, arguments: list[str]) -> int:
     if compute.processes > 1:
         from .job import job_of
         from .launcher import free_address, launch, worker_command
-        from .parts import folder_of
+        from .parts import count_of, folder_of
 
         address = compute.coordinator or free_address()
         commands = [worker_command(arguments, process, address) for process in range(compute.processes)]
-        launch(commands, folder_of(config.output.directory, job_of(config)), compute.timeout_s, print)
+        job = job_of(config)
+        folder = folder_of(config.output.directory, job)
+        try:
+            launch(commands, folder, compute.timeout_s, print)
+        except ProcessDied as death:
+            kept = f"{count_of(folder)} of {job.tiling.count} blocks are finished and kept; the same command resumes"
+            raise ProcessDied(f"{death}\n{kept}") from None
     from .run import run
+    from .sweep import Incomplete
 
-    return run(config)
+    try:
+        return run(config)
+    except Incomplete as flaw:
+        print(f"warpopt: {flaw}", file=sys.stderr)
+        return 1
 
 
 def _prepare_jax(devices: int | None = None) -> None:
