@@ -160,7 +160,7 @@ def test_solve_and_rules_answer_in_json(folder, capsys):
 
 def test_schema_is_json_and_names_every_section(capsys):
     cli.main(["schema"])
-    assert set(json.loads(capsys.readouterr().out)["properties"]) == {"view", "light", "objective", "output"}
+    assert set(json.loads(capsys.readouterr().out)["properties"]) == {"view", "light", "objective", "output", "compute"}
 
 
 def test_a_failed_run_leaves_nothing_and_keeps_the_earlier_result(folder, monkeypatch, capsys):

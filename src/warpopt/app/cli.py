@@ -4,12 +4,14 @@ import dataclasses
 import os
 import signal
 import sys
+import threading
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from .config import ConfigError, Problem, RunConfig, read_config, validated
+from .launcher import ProcessDied
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +75,8 @@ def main(arguments: list[str] | None = None) -> None:
         config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
     )
     # A batch system's request to end is treated as Ctrl-C: clean up, then go.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         if rest and not isinstance(command, Run):
             raise ConfigError(f"unknown argument(s): {' '.join(rest)}")
@@ -81,6 +84,9 @@ def main(arguments: list[str] | None = None) -> None:
     except ConfigError as error:
         print(f"warpopt: {error}", file=sys.stderr)
         raise SystemExit(2) from None
+    except ProcessDied as error:
+        print(f"warpopt: {error}", file=sys.stderr)
+        raise SystemExit(1) from None
     except OSError as error:
         print(f"warpopt: {error}; no result was written, an earlier one is as it was", file=sys.stderr)
         raise SystemExit(1) from None
@@ -99,10 +105,7 @@ def _dispatch(command: Run | Solve | Rules | Schema, rest: list[str]) -> None:
         from .writing import check_replaceable
 
         check_replaceable(config.output.directory)
-        _prepare_jax()
-        from .run import run
-
-        raise SystemExit(run(config))
+        raise SystemExit(_run(config, [str(command.config), *rest]))
     else:
         fields = dataclasses.asdict(command)
         as_json = fields.pop("json")
@@ -113,11 +116,46 @@ def _dispatch(command: Run | Solve | Rules | Schema, rest: list[str]) -> None:
         raise SystemExit((single.solve if isinstance(command, Solve) else single.rules)(problem, as_json))
 
 
-def _prepare_jax() -> None:
+def _run(config: RunConfig, arguments: list[str]) -> int:
+    compute = config.compute
+    _prepare_jax(compute.devices_per_process)
+    if compute.process_id is not None:
+        from .worker import work
+
+        return work(config)
+    if compute.processes > 1:
+        from .job import job_of
+        from .launcher import free_address, launch, worker_command
+        from .parts import count_of, folder_of
+
+        address = compute.coordinator or free_address()
+        commands = [worker_command(arguments, process, address) for process in range(compute.processes)]
+        job = job_of(config)
+        folder = folder_of(config.output.directory, job)
+        try:
+            launch(commands, folder, compute.timeout_s, print)
+        except ProcessDied as death:
+            kept = f"{count_of(folder)} of {job.tiling.count} blocks are finished and kept; the same command resumes"
+            raise ProcessDied(f"{death}\n{kept}") from None
+    from .run import run
+    from .sweep import Incomplete
+
+    try:
+        return run(config)
+    except Incomplete as flaw:
+        print(f"warpopt: {flaw}", file=sys.stderr)
+        return 1
+
+
+def _prepare_jax(devices: int | None = None) -> None:
     """Double precision, on the user's own settings where there are any."""
     os.environ.setdefault("JAX_ENABLE_X64", "1")
     # Tables are small: compiling is most of the time, and code of level 0 halves it.
-    os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+    flags = os.environ.get("XLA_FLAGS", "")
+    if "xla_backend_optimization_level" not in flags:
+        os.environ["XLA_FLAGS"] = f"{flags} --xla_backend_optimization_level=0".strip()
+    if devices is not None:
+        os.environ["JAX_NUM_CPU_DEVICES"] = str(devices)
 
 
 if __name__ == "__main__":

@@ -120,6 +120,38 @@ class OutputConfig(_Section):
     figures: bool = True
 
 
+BLOCK_MULTIPLE = 64  # directions of a block come in whole vectors of every processor, unrolled
+
+
+class ComputeConfig(_Section):
+    """How the run is spread over processes and devices. None of it but block_size can change a bit of the result."""
+
+    processes: Annotated[int, Field(ge=1, le=65_536)] = 1
+    """1: this process computes. More: it starts them on this machine, unless process_id says that it is one of them."""
+    devices_per_process: Annotated[int, Field(ge=1, le=1024)] | None = None
+    """CPU devices that each process makes for itself; without it JAX's own: one, or every GPU that it sees."""
+    block_size: Annotated[int, Field(ge=BLOCK_MULTIPLE, le=16_777_216, multiple_of=BLOCK_MULTIPLE)] = 32_768
+    """The most problems in a block, the unit of work that one device computes and one file keeps."""
+    timeout_s: Annotated[float, Field(ge=1, le=86_400)] = 120.0
+    """A process that is silent for so long counts as dead."""
+    keep_blocks: bool = False
+    """Keep finished blocks on disk until the run is complete, with one process too; with more it is always so."""
+    coordinator: Annotated[str, Field(pattern=r"^.+:[0-9]{1,5}$")] | None = None
+    """host:port at which process 0 can be reached; chosen by the command that starts the processes, if not given."""
+    process_id: Annotated[int, Field(ge=0)] | None = None
+    """Which of the processes this is, from 0; on a cluster, given on each process's command line."""
+
+    @pydantic.field_validator("process_id")
+    @classmethod
+    def _one_of_them(cls, value: int | None, info: pydantic.ValidationInfo) -> int | None:
+        processes = info.data.get("processes")
+        if value is not None and processes is not None and value >= processes:
+            raise ValueError(f"expected less than compute.processes = {processes}")
+        if value is not None and "coordinator" in info.data and info.data["coordinator"] is None:
+            raise ValueError("expected compute.coordinator = 'host:port' beside it")
+        return value
+
+
 class RunConfig(_Section):
     """One run of the main job: `warpopt run`."""
 
@@ -127,6 +159,7 @@ class RunConfig(_Section):
     light: LightConfig
     objective: ObjectiveConfig = ObjectiveConfig()
     output: OutputConfig
+    compute: ComputeConfig = ComputeConfig()
 
 
 class Problem(_Section):

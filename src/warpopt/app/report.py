@@ -6,8 +6,9 @@ import numpy as np
 
 import warpopt
 
+from .blocks import RULES
 from .config import RunConfig
-from .sweep import RULES, OptimumCurves, RuleCurves, Sweep
+from .sweep import OptimumCurves, RuleCurves, Sweep
 
 TITLES = {
     "ssm": "no warp",

@@ -16,32 +16,38 @@ from rich.table import Table
 
 import warpopt
 
+from .blocks import RULES, field_shapes
 from .config import RunConfig
 from .figures import write_figures
+from .job import job_of
+from .parts import Parts, folder_of
 from .report import TITLES, Finding, findings, report
 from .single import finite_or_none
-from .sweep import RULES, OptimumCurves, Sweep, View, compute_sweep, objectives
+from .sweep import OptimumCurves, Sweep, sweep_of
 from .writing import MARK, whole_folder
 
 _SHOWN_RULES = ("ssm", "lispsm", "tsm")  # of the terminal's summary; the report has them all
-# f/n of the figure over several f/n, beside the configuration's own
-_FIGURE_RATIOS = (10.0, 100.0, 1000.0, 10000.0)
 
 
 def run(config: RunConfig, console: Console | None = None) -> int:
     """Solve, write, summarise; 0 if every problem was solved, 1 if the table, written all the same, holds failures.
 
+    With compute.processes > 1 the processes have computed every block before: here they are merged. Finished blocks
+    that an earlier run of the same job left are taken; their folder is removed when the results are in place.
+
     Raises:
         ConfigError: the output folder cannot be written, or is not an earlier result.
+        Incomplete: with compute.processes > 1, a block is not there.
     """
     console = console or Console()
-    views = tuple(
-        View(config.view.near, far, half_fov) for half_fov in config.view.half_fov_deg for far in config.view.far
-    )
-    context = _context(views) if config.output.figures else ()
-    theta_deg = config.light.values()
+    job = job_of(config)
+    folder_of_parts = folder_of(config.output.directory, job)
+    several = config.compute.processes > 1
+    parts = None
+    if several or config.compute.keep_blocks or folder_of_parts.is_dir():
+        parts = Parts(folder_of_parts, job, jax.default_backend(), field_shapes(job), console.print)
     timings: dict[str, float] = {}
-    steps = 1 + len(objectives(config.objective.metrics, config.objective.norms)) + 4 * config.output.figures
+    steps = (1 + len(job.objectives)) * job.tiling.count + 4 * config.output.figures
     columns = (TextColumn("{task.description:<24}"), BarColumn(), TimeElapsedColumn())
     with (
         whole_folder(config.output.directory) as folder,
@@ -53,15 +59,7 @@ def run(config: RunConfig, console: Console | None = None) -> int:
             bar.update(task, advance=1, description=done)
 
         start = time.perf_counter()
-        sweep = compute_sweep(
-            views,
-            context,
-            theta_deg,
-            config.objective.metrics,
-            config.objective.norms,
-            config.objective.measure,
-            progress,
-        )
+        sweep = sweep_of(job, parts, progress, all_there=several)
         timings["solve_s"] = time.perf_counter() - start
         write_table(sweep, folder / "table.csv")
         write_arrays(sweep, folder / "table.npz")
@@ -72,16 +70,11 @@ def run(config: RunConfig, console: Console | None = None) -> int:
         (folder / "report.md").write_text(report(config, sweep, found, figures), encoding="utf-8")
         record = run_record(config, sweep, timings) | {"files": sorted([*(p.name for p in folder.iterdir()), MARK])}
         (folder / MARK).write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    if parts:
+        parts.delete()
     failures = sum(int((~_succeeded(o)).sum()) for o in sweep.optima)
     _summarise(console, found, config.output.directory, failures)
     return 1 if failures else 0
-
-
-def _context(views: tuple[View, ...]) -> tuple[View, ...]:
-    first = views[0]
-    fars = (first.near * ratio for ratio in _FIGURE_RATIOS)
-    candidates = (View(first.near, far, first.half_fov_deg) for far in fars)
-    return tuple(view for view in candidates if view not in views)
 
 
 def _succeeded(optimum: OptimumCurves) -> np.ndarray:

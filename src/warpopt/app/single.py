@@ -9,8 +9,10 @@ from rich.table import Table
 
 import warpopt
 
+from .blocks import RULES
 from .config import Problem
-from .sweep import RULES, OptimumCurves, Sweep, View, compute_sweep
+from .job import View
+from .sweep import OptimumCurves, Sweep, compute_sweep
 
 
 def finite_or_none(value: float) -> float | None:

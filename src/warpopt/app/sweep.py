@@ -1,32 +1,17 @@
-"""The main job's computation: every optimum and every rule over frusta and light directions, as plain arrays."""
+"""The results of the main job: every optimum and every rule over frusta and light directions, as plain arrays."""
 
-import concurrent.futures
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import jax
 import numpy as np
 
-import warpopt
+from .blocks import RULES, BlockSolver, frustum_of, solve_blocks
+from .job import Job, View, objectives
+from .parts import Block, Parts
 
-RULES: dict[str, Callable] = {
-    "ssm": warpopt.rules.ssm,
-    "psm": warpopt.rules.psm,
-    "lispsm": warpopt.rules.lispsm,
-    "tsm": warpopt.rules.tsm,
-    "tsm_alternative": warpopt.rules.tsm_alternative,
-    "minimum_norm": warpopt.rules.minimum_norm,
-    "scherzer": warpopt.rules.scherzer,
-}
-
-
-@dataclasses.dataclass(frozen=True)
-class View:
-    """One view frustum, in the units of the config."""
-
-    near: float
-    far: float
-    half_fov_deg: float
+__all__ = ["RULES", "Curves", "Incomplete", "OptimumCurves", "RuleCurves", "Sweep", "View", "compute_sweep"]
+__all__ += ["frustum_of", "sweep_of"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,16 +58,6 @@ class Sweep:
         return self.views + self.context
 
 
-def frustum_of(views: Iterable[View]) -> "warpopt.ViewFrustum":
-    """The views as one frustum of shape (views, 1), against which directions broadcast."""
-    near, far, half_fov_deg = np.array([dataclasses.astuple(v) for v in views], float).T[..., None]
-    return warpopt.ViewFrustum(near, far, np.deg2rad(half_fov_deg))
-
-
-def objectives(metrics: Iterable[str], norms: Iterable[str | float]) -> list[tuple[str, str | float]]:
-    return [(metric, norm) for metric in metrics for norm in norms]
-
-
 def compute_sweep(
     views: tuple[View, ...],
     context: tuple[View, ...],
@@ -92,34 +67,77 @@ def compute_sweep(
     measure: str,
     progress: Callable[[str], None] = lambda name: None,
 ) -> Sweep:
-    """Solve everything, one batched call for each objective; `progress` is told of each one done."""
-    frustum = frustum_of(views + context)
-    theta = np.deg2rad(theta_deg)
-    warps = jax.jit(lambda frustum, theta: [rule(frustum, theta) for rule in RULES.values()])(frustum, theta)
-    warps = dict(zip(RULES, warps, strict=True))
-    progress("rules")
-    every = jax.tree.map(lambda *fields: np.stack(fields), *warps.values())
-
-    def solve(objective: tuple[str, str | float]) -> OptimumCurves:
-        metric, norm = objective
-        solution = warpopt.optimal_warp(frustum, theta, metric, norm, measure, throw=False)
-        values = np.asarray(warpopt.error_norm(frustum, theta, every, metric, norm, measure))
-        ratios = {name: value / np.asarray(solution.value) for name, value in zip(warps, values, strict=True)}
-        found = _arrays(solution.value, solution.result, solution.residual)
-        progress(f"{metric} {norm}")
-        return OptimumCurves(*_curves(solution.warp), metric, str(norm), *found, ratios)
-
-    # Most of the time is compilation, which runs outside Python's lock.
-    with concurrent.futures.ThreadPoolExecutor() as pool:
-        optima = tuple(pool.map(solve, objectives(metrics, norms)))
-    rules = {name: RuleCurves(*_curves(warp), np.asarray(warp.defined)) for name, warp in warps.items()}
-    return Sweep(views, context, np.asarray(theta_deg), measure, rules, optima)
+    """Solve everything in this process; `progress` is told of each objective of each block."""
+    job = Job(views, context, np.asarray(theta_deg, float), tuple(objectives(metrics, norms)), measure)
+    return sweep_of(job, None, progress)
 
 
-def _curves(warp: "warpopt.Warp") -> tuple[np.ndarray, ...]:
-    lam_over_mu, lam = jax.jit(lambda w: (w.lam_over_mu, w.lam))(warp)
-    return _arrays(warp.eta, lam_over_mu, lam)
+class Incomplete(Exception):
+    """Blocks that should be there are not."""
 
 
-def _arrays(*values) -> tuple[np.ndarray, ...]:
-    return tuple(np.asarray(v) for v in values)
+def sweep_of(
+    job: Job, parts: Parts | None, progress: Callable[[str], None] = lambda name: None, all_there: bool = False
+) -> Sweep:
+    """The blocks of `parts`, and those that are not there computed by this process's devices (and kept there).
+
+    Raises:
+        Incomplete: a block is not in `parts`, with `all_there`.
+    """
+    whole = _Whole(job)
+    missing = []
+    for block in range(job.tiling.count):
+        arrays = parts.read(block) if parts else None
+        if arrays is None:
+            missing.append(block)
+        else:
+            whole.place(block, arrays)
+    if missing and all_there:
+        raise Incomplete(f"{len(missing)} of {job.tiling.count} blocks are not there, the first is {missing[0]}")
+
+    def done(block: int, arrays: Block) -> None:
+        if parts:
+            parts.write(block, arrays)
+        whole.place(block, arrays)
+
+    if missing:
+        solve_blocks(BlockSolver(job), missing, jax.devices(), done, progress)
+    return whole.sweep()
+
+
+class _Whole:
+    """The whole rectangle, filled block by block, each exactly once."""
+
+    def __init__(self, job: Job):
+        self._job = job
+        self._arrays: Block = {}
+        self._seen = np.zeros(job.tiling.count, int)
+
+    def place(self, block: int, arrays: Block) -> None:
+        for name, array in arrays.items():
+            if name not in self._arrays:
+                shape = (*array.shape[:-2], self._job.tiling.views, self._job.tiling.directions)
+                self._arrays.setdefault(name, np.empty(shape, array.dtype))  # the first of the devices' threads wins
+            self._arrays[name][(..., *self._job.tiling.extent(block))] = array
+        self._seen[block] += 1
+
+    def sweep(self) -> Sweep:
+        if not (self._seen == 1).all():
+            block = int(np.argmax(self._seen != 1))
+            raise Incomplete(f"block {block}: got {self._seen[block]} of it, expected one")
+        job, a = self._job, self._arrays
+        rules = {
+            name: RuleCurves(*(a[f"rule_{field}"][r] for field in ("eta", "lam_over_mu", "lam", "defined")))
+            for r, name in enumerate(RULES)
+        }
+        optima = tuple(
+            OptimumCurves(
+                *(a[field][o] for field in ("eta", "lam_over_mu", "lam")),
+                metric,
+                str(norm),
+                *(a[field][o] for field in ("value", "result", "residual")),
+                {name: a["ratio"][o, r] for r, name in enumerate(RULES)},
+            )
+            for o, (metric, norm) in enumerate(job.objectives)
+        )
+        return Sweep(job.views, job.context, job.theta_deg, job.measure, rules, optima)

@@ -26,8 +26,8 @@ def check_replaceable(directory: Path) -> None:
     strangers = sorted({path.name for path in directory.iterdir()} - _written_before(directory))
     if strangers:
         raise ConfigError(
-            f"output.directory: got {directory}, which holds {strangers[0]!r} that no earlier run wrote (its {MARK} would "
-            "name it); expected a new or empty folder, or an earlier result to replace"
+            f"output.directory: got {directory}, with {strangers[0]!r} in it that no earlier run wrote (its {MARK} "
+            "would name it); expected a new or empty folder, or an earlier result to replace"
         )
 
 
