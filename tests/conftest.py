@@ -1,11 +1,11 @@
 """The tests run in float64; the library itself never decides that.
 
-Compiling is most of their time, and code of level 0 takes half of it; experiments run the fully optimised code.
+Compiling is most of their time: they take the command line's settings for it. Experiments run the optimised code.
 """
 
-import os
+from warpopt.app.cli import prepare_jax
 
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+prepare_jax()
 
 import jax
 

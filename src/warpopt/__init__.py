@@ -11,6 +11,7 @@ __version__ = "0.1.0"
 _HOME = {
     "rules": "",
     "Solution": "solve.optimal_warp",
+    "compare_warps": "solve.optimal_warp",
     "error_norm": "solve.optimal_warp",
     "optimal_warp": "solve.optimal_warp",
     "Outcome": "solve.outcome",
@@ -30,7 +31,7 @@ __all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 
 if TYPE_CHECKING:
     from . import rules
-    from .solve.optimal_warp import Solution, error_norm, optimal_warp
+    from .solve.optimal_warp import Solution, compare_warps, error_norm, optimal_warp
     from .solve.outcome import Outcome
     from .theory.aliasing import (
         aliasing_error,

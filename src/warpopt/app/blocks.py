@@ -74,11 +74,15 @@ class BlockSolver:
 
         def solve(objective: tuple[str, str | float]) -> Block:
             metric, norm = objective
-            solution = warpopt.optimal_warp(frustum, theta, metric, norm, self._job.measure, throw=False)
-            values = np.asarray(warpopt.error_norm(frustum, theta, every, metric, norm, self._job.measure))
+            solution, values = warpopt.compare_warps(frustum, theta, every, metric, norm, self._job.measure)
             value = np.asarray(solution.value)
             progress(f"{metric} {norm}")
-            found = {"value": value, "result": solution.result, "residual": solution.residual, "ratio": values / value}
+            found = {
+                "value": value,
+                "result": solution.result,
+                "residual": solution.residual,
+                "ratio": np.asarray(values) / value,
+            }
             return {**self._curves(solution.warp), **found}
 
         # Most of the time is compilation, which runs outside Python's lock.

@@ -1,6 +1,7 @@
 """The command line. Nothing here imports JAX before the input is known to be good."""
 
 import dataclasses
+import importlib.metadata
 import os
 import signal
 import sys
@@ -110,7 +111,7 @@ def _dispatch(command: Run | Solve | Rules | Schema, rest: list[str]) -> None:
         fields = dataclasses.asdict(command)
         as_json = fields.pop("json")
         problem = validated(Problem, fields, "command line")
-        _prepare_jax()
+        prepare_jax()
         from . import single
 
         raise SystemExit((single.solve if isinstance(command, Solve) else single.rules)(problem, as_json))
@@ -118,7 +119,7 @@ def _dispatch(command: Run | Solve | Rules | Schema, rest: list[str]) -> None:
 
 def _run(config: RunConfig, arguments: list[str]) -> int:
     compute = config.compute
-    _prepare_jax(compute.devices_per_process)
+    prepare_jax(compute.devices_per_process)
     if compute.process_id is not None:
         from .worker import work
 
@@ -147,13 +148,17 @@ def _run(config: RunConfig, arguments: list[str]) -> int:
         return 1
 
 
-def _prepare_jax(devices: int | None = None) -> None:
+def prepare_jax(devices: int | None = None) -> None:
     """Double precision, on the user's own settings where there are any."""
     os.environ.setdefault("JAX_ENABLE_X64", "1")
     # Tables are small: compiling is most of the time, and code of level 0 halves it.
     flags = os.environ.get("XLA_FLAGS", "")
     if "xla_backend_optimization_level" not in flags:
-        os.environ["XLA_FLAGS"] = f"{flags} --xla_backend_optimization_level=0".strip()
+        flags += " --xla_backend_optimization_level=0"
+        # So does the older of two emitters. An unknown flag ends the process, so only where it is known.
+        if importlib.metadata.version("jaxlib") == "0.10.1":
+            flags += " --xla_cpu_use_fusion_emitters=false"
+        os.environ["XLA_FLAGS"] = flags.strip()
     if devices is not None:
         os.environ["JAX_NUM_CPU_DEVICES"] = str(devices)
 

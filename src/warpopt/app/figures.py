@@ -1,7 +1,6 @@
 """The figures of a run: drawn, written as PNG and SVG, and described in plain sentences."""
 
-import concurrent.futures
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,17 +19,30 @@ from .frustum_figures import (
     focus_region_figure,
     fraction_text,
 )
-from .sweep import Sweep
+from .sweep import Sweep, View
 
-__all__ = ["error_distribution_figure", "focus_region_figure", "lambda_figure", "ratio_figure", "write_figures"]
+__all__ = [
+    "error_distribution_figure",
+    "focus_region_figure",
+    "lambda_figure",
+    "ratio_figure",
+    "write_figures",
+    "write_view_figures",
+]
 
 _PNG_DPI = 160
 _SVG_DPI = 110  # of the pictures inside; all else is vectors
 _KAPPA, _XI = 0.5, 0.8
 
 
+_Jobs = dict[str, Callable[[], tuple[Figure, str]]]
+
+
 def write_figures(
-    sweep: Sweep, directory: Path, progress: Callable[[str], None] = lambda stem: None
+    sweep: Sweep,
+    directory: Path,
+    progress: Callable[[str], None] = lambda stem: None,
+    of_view: dict[str, str] | None = None,
 ) -> list[tuple[str, str]]:
     """Write every figure of a run as `<stem>.png` and `<stem>.svg`, the same bytes for the same sweep.
 
@@ -38,26 +50,39 @@ def write_figures(
         sweep: the results.
         directory: an existing folder.
         progress: told of each stem when it is written.
+        of_view: what `write_view_figures` gave for the first view, if they are written already.
 
     Returns:
         (stem, caption) of each figure, in order.
     """
-    # The side views' errors are compiled, outside Python's lock, while the curves are drawn.
-    with concurrent.futures.ThreadPoolExecutor(1) as pool:
-        errors = pool.submit(distributions, sweep.views[0])
-        region = pool.submit(focus_region, _KAPPA, _XI)
-        jobs: tuple[tuple[str, Callable[[], tuple[Figure, str]]], ...] = (
-            ("lambda", lambda: (lambda_figure(sweep), _lambda_caption(sweep))),
-            ("ratio", lambda: (ratio_figure(sweep), _ratio_caption(sweep))),
-            ("error_distribution", lambda: _error_distribution(sweep, errors.result())),
-            ("focus_region", lambda: (focus_region_figure(data=region.result()), _focus_caption(region.result()))),
-        )
-        captions = {}
-        for stem, job in jobs:
-            figure, captions[stem] = job()
-            save(figure, directory / stem)
-            progress(stem)
+    captions = of_view or write_view_figures(sweep.views, directory, progress)
+    jobs: _Jobs = {
+        "lambda": lambda: (lambda_figure(sweep), _lambda_caption(sweep)),
+        "ratio": lambda: (ratio_figure(sweep), _ratio_caption(sweep)),
+    }
+    captions = captions | _written(jobs, directory, progress)
     return [(stem, captions[stem]) for stem in ("lambda", "error_distribution", "ratio", "focus_region")]
+
+
+def write_view_figures(
+    views: Sequence[View], directory: Path, progress: Callable[[str], None] = lambda stem: None
+) -> dict[str, str]:
+    """Write the first view's figures that need no results, to be drawn while solves are compiled; their captions."""
+    region = focus_region(_KAPPA, _XI)
+    jobs: _Jobs = {
+        "focus_region": lambda: (focus_region_figure(data=region), _focus_caption(region)),
+        "error_distribution": lambda: _error_distribution(views, distributions(views[0])),
+    }
+    return _written(jobs, directory, progress)
+
+
+def _written(jobs: _Jobs, directory: Path, progress: Callable[[str], None]) -> dict[str, str]:
+    captions = {}
+    for stem, job in jobs.items():
+        figure, captions[stem] = job()
+        save(figure, directory / stem)
+        progress(stem)
+    return captions
 
 
 def save(figure: Figure, path: Path) -> None:
@@ -119,8 +144,8 @@ def _ratio_caption(sweep: Sweep) -> str:
     return " ".join(filter(None, sentences))
 
 
-def _error_distribution(sweep: Sweep, errors: Distributions) -> tuple[Figure, str]:
-    view = sweep.views[0]
+def _error_distribution(views: Sequence[View], errors: Distributions) -> tuple[Figure, str]:
+    view = views[0]
     largest = errors.errors.max(axis=(3, 4, 5))
     gain = largest[:, 0, 0] / largest[:, 3, 0]
     gains = style.listed([f"{style.PLAIN_METRICS[m]} {g:.3g} times" for m, g in zip(METRICS, gain, strict=True)])
@@ -131,7 +156,7 @@ def _error_distribution(sweep: Sweep, errors: Distributions) -> tuple[Figure, st
         "All panels share one logarithmic colour scale of base 5, with lines at the powers of 5; the near end stands "
         "magnified in the upper left corner, and the number is the largest error over the frustum.",
         f"At θ = {THETAS_DEG[0]:g}° SSM's largest error over the optimum's is, for {gains}.",
-        _left_out_sentence(len(sweep.views) - 1, "view", "views of the run"),
+        _left_out_sentence(len(views) - 1, "view", "views of the run"),
     ]
     return error_distribution_figure(view, errors), " ".join(filter(None, sentences))
 

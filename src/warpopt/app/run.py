@@ -1,5 +1,6 @@
 """`warpopt run`: a configuration in, a folder of results out."""
 
+import concurrent.futures
 import csv
 import importlib.metadata
 import json
@@ -18,7 +19,7 @@ import warpopt
 
 from .blocks import RULES, field_shapes
 from .config import RunConfig
-from .figures import write_figures
+from .figures import write_figures, write_view_figures
 from .job import job_of
 from .parts import Parts, folder_of
 from .report import TITLES, Finding, findings, report
@@ -59,12 +60,15 @@ def run(config: RunConfig, console: Console | None = None) -> int:
             bar.update(task, advance=1, description=done)
 
         start = time.perf_counter()
-        sweep = sweep_of(job, parts, progress, all_there=several)
-        timings["solve_s"] = time.perf_counter() - start
+        with concurrent.futures.ThreadPoolExecutor(1) as pool:
+            drawing = config.output.figures and pool.submit(write_view_figures, job.views, folder, progress)
+            sweep = sweep_of(job, parts, progress, all_there=several)
+            timings["solve_s"] = time.perf_counter() - start
+            drawn = drawing.result() if drawing else {}
         write_table(sweep, folder / "table.csv")
         write_arrays(sweep, folder / "table.npz")
         start = time.perf_counter()
-        figures = write_figures(sweep, folder, progress) if config.output.figures else []
+        figures = write_figures(sweep, folder, progress, drawn) if config.output.figures else []
         timings["figures_s"] = time.perf_counter() - start
         found = findings(sweep)
         (folder / "report.md").write_text(report(config, sweep, found, figures), encoding="utf-8")

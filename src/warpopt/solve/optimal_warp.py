@@ -114,6 +114,33 @@ def error_norm(
     return in_blocks(evaluate, frustum, checked_theta(theta, frustum), warp.eta)
 
 
+def compare_warps(
+    frustum: ViewFrustum,
+    theta: ArrayLike,
+    warps: Warp,
+    metric: str | Metric = "p",
+    norm: str | float = "inf",
+    measure: str = "screen",
+) -> tuple[Solution, Float[Array, "..."]]:
+    """The optimal warp and the norms of other warps, in one compiled call that shares what both need.
+
+    Args:
+        warps: the warps to compare with, of the problem's shape or with axes of their own in front of it.
+        frustum, theta, metric, norm, measure: as in `optimal_warp`.
+
+    Raises:
+        ValueError: as `optimal_warp`. Failed solves are told by `Solution.result`.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(near=1.0, far=100.0, half_fov=0.5236)
+        >>> best, value = compare_warps(frustum, 1.5707963, warpopt.rules.ssm(frustum, 1.5707963))
+        >>> round(float(value / best.value), 2)
+        10.0
+    """
+    return _compare(frustum, checked_theta(theta, frustum), warps.eta, ErrorNorm.of(metric, norm, measure))
+
+
 def _checked_nodes(nodes: int | None) -> int | None:
     if nodes is not None and (isinstance(nodes, bool) or not isinstance(nodes, int) or nodes < 2):
         raise ValueError(f"quadrature_nodes: got {nodes!r}, expected an integer >= 2, or None")
@@ -150,8 +177,19 @@ def _solve(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool,
     return in_chunks(functools.partial(_solve_chunk, norm=norm, iterative=iterative, nodes=nodes), frustum, theta)
 
 
+@functools.partial(jax.jit, static_argnames=("norm",))
+def _compare(frustum: ViewFrustum, theta: Array, eta: Array, norm: ErrorNorm) -> tuple[Solution, Array]:
+    space, mean = _prepared(frustum, theta, norm, None)
+    solution, values = _solution(space, mean, norm, iterative=False), _norm(space, mean, eta, norm)
+    return jax.tree.map(lambda a: jnp.broadcast_to(a, solution.value.shape), solution), values
+
+
 def _solve_chunk(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool, nodes: int | None) -> Solution:
     space, mean = _prepared(frustum, theta, norm, nodes)
+    return _solution(space, mean, norm, iterative)
+
+
+def _solution(space: LightSpace, mean, norm: ErrorNorm, iterative: bool) -> Solution:
     if norm.supremum:
         optimum = minimise_supremum(space, norm, iterative)
     elif isinstance(mean, Moments):
