@@ -172,7 +172,9 @@ def scipy_one_at_a_time(sample: Sample, effort: float, count: int) -> dict:
 
         bounds = (np.log(1e-7), -1e-12)
         return float(
-            np.exp(scipy.optimize.minimize_scalar(objective, bounds, method="bounded", options={"xatol": effort}).x)
+            np.exp(
+                scipy.optimize.minimize_scalar(objective, bounds=bounds, method="bounded", options={"xatol": effort}).x
+            )
         )
 
     every = list(zip(*sample.problem, strict=True))

@@ -82,7 +82,7 @@ def norm_of(d: dict[str, np.ndarray], combination) -> np.ndarray:
 def check_invariants(d: dict[str, np.ndarray], combination) -> tuple[dict[str, float], np.ndarray]:
     """(counts and worst figures over all draws, an indicator of where errors may be largest)."""
     metric, order, measure = combination
-    eps = np.finfo(d["near"].dtype).eps
+    eps = float(np.finfo(d["near"].dtype).eps)
     frustum, theta = frustum_of(d), d["theta"]
     solution = warpopt.optimal_warp(frustum, theta, metric, order, measure, throw=False)
     eta, value = np.asarray(solution.warp.eta), np.asarray(solution.value)

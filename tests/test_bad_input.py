@@ -29,7 +29,7 @@ GOOD = warpopt.ViewFrustum(1.0, 100.0, 0.5)
         ("half_fov", (1.0, 2.0, 30.0), "30.0"),  # degrees
         ("half_fov", (1.0, 2.0, NAN), "nan"),
         ("far", (1.0, np.array([2.0, 0.5]), 0.5), "0.5"),
-        ("far", (np.ones(3), np.array([2.0, 3.0]), 0.5), r"\(2,\)"),
+        ("shapes", (np.ones(3), np.array([2.0, 3.0]), 0.5), r"\(2,\)"),
     ],
 )
 def test_frustum(name, arguments, got):

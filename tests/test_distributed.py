@@ -221,10 +221,10 @@ def test_tiles_cover_the_rectangle_once_and_have_one_shape(views, directions, si
         (["--compute.block-size", "100"], "compute.block_size: got 100"),
         (["--compute.timeout-s", "0"], "compute.timeout_s: got 0"),
         (["--compute.coordinator", "nowhere"], "compute.coordinator: got 'nowhere'"),
-        (["--compute.process-id", "0"], "compute.process_id: got 0; expected compute.coordinator"),
+        (["--compute.process-id", "0"], "compute.process_id: got 0, expected compute.coordinator"),
         (
             ["--compute.processes", "2", "--compute.coordinator", "h:1", "--compute.process-id", "2"],
-            "compute.process_id: got 2; expected less than compute.processes = 2",
+            "compute.process_id: got 2, expected less than compute.processes = 2",
         ),
         (["--compute.gpus", "2"], "compute.gpus: unknown key"),
     ],

@@ -80,7 +80,10 @@ def derivatives(metric, norm):
 
 
 def check_forward_equals_reverse_and_all_are_finite(metric, norm):
-    """To 1e-13 of each lane's largest entry: the two modes sum the same products in another order."""
+    """To 1e-13 of each lane's largest entry: the two modes sum the same products in another order.
+
+    Real orders to 1e-12: their sums have two thousand terms.
+    """
     _, forward, reverse, outcomes = derivatives(metric, norm)
     assert {Outcome(o) for o in outcomes} >= OBJECTIVES[metric, norm]
     assert (outcomes <= Outcome.no_warp).all()
@@ -89,7 +92,8 @@ def check_forward_equals_reverse_and_all_are_finite(metric, norm):
     # sensitivities to log(input), so that their sizes compare
     forward, reverse = forward * POINTS, reverse * POINTS
     scale = np.abs(forward).max(1, keepdims=True)
-    assert (np.abs(forward - reverse) <= 1e-13 * scale + 1e-300).all()
+    tolerance = 1e-13 if isinstance(norm, str) else 1e-12
+    assert (np.abs(forward - reverse) <= tolerance * scale + 1e-300).all()
 
 
 def check_differences_of_the_whole_solve(metric, norm):

@@ -40,7 +40,7 @@ def joint_shape(**named: Array) -> tuple[int, ...]:
         return np.broadcast_shapes(*(value.shape for value in named.values()))
     except ValueError:
         shapes = ", ".join(f"{name} {value.shape}" for name, value in named.items())
-        raise ValueError(f"shapes: got {shapes}, expected shapes that broadcast") from None
+        raise ValueError(f"shapes: got {shapes}, expected ones that broadcast") from None
 
 
 def checked(name: str, value: Array, valid: Callable[[Any], Any], expected: str) -> Array:

@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 
@@ -12,6 +13,20 @@ def power(base: Float[Array, "..."], exponent: float) -> Float[Array, "..."]:
     if 2 * exponent == int(2 * exponent):
         return base ** int(exponent) * jnp.sqrt(base) if exponent > 0 else 1 / power(base, -exponent)
     return base**exponent
+
+
+def larger(x: ArrayLike, y: ArrayLike) -> Float[Array, "..."]:
+    """max(x, y), with the derivative of one of them also where they tie.
+
+    `jnp.maximum` differentiates by comparing its result with its arguments. A compiler that computes an argument twice,
+    rounded differently, then finds neither equal and the derivative is lost (seen with jax 0.10.1 on CPU).
+    """
+    return jnp.where(x > y, x, y)
+
+
+def smaller(x: ArrayLike, y: ArrayLike) -> Float[Array, "..."]:
+    """min(x, y), as `larger`."""
+    return jnp.where(x < y, x, y)
 
 
 def horner(coefficients: "list[Array] | tuple[Array, ...]", at: Float[Array, "..."]) -> Float[Array, "..."]:

@@ -9,6 +9,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from .._checks import checked
+from .._numerics import smaller
 from ..solve.sign_change import on_lanes, positive_root
 from ..theory.frustum import ViewFrustum
 from ..theory.light_space import LightSpace, checked_theta
@@ -115,7 +116,7 @@ def tsm_alternative(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5) 
     cubic = (p_ * q_ * m_, 2 * m * p_ * q_ - p * q_ * m_ - q * p_ * m_, -3 * p * q * m_, -2 * p * q * m)
     warps = (space.a_plus <= 0) & (3 * m < 1)
     root, _ = positive_root(on_lanes(warps, ((3, 2, 1, 0), cubic)), iterative=True)
-    eta = jnp.where(warps, jnp.minimum(root, 1), 1)
+    eta = jnp.where(warps, smaller(root, 1), 1)
     return Warp.from_range_ratio((1 - eta) / eta, space.mu, space.a_plus <= 0)
 
 

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from .._numerics import smaller
 from ..receivers.whole_frustum import Moments
 from ..theory.error_norm import ErrorNorm
 from ..theory.light_space import LightSpace
@@ -62,7 +63,7 @@ def minimise_power_mean(space: LightSpace, moments: Moments, norm: ErrorNorm, it
         at_kink = helps & at_kink
         eta = jnp.where(at_kink, bend, eta)
         outcome = jnp.where(at_kink, Outcome.kink, outcome)
-    eta = jnp.minimum(eta, 1)
+    eta = smaller(eta, 1)
     residual = jnp.where(searched, jnp.abs(log_ratio(jnp.log(root), chosen)), 0)
     return Optimum(eta, 1 - eta, outcome, residual)
 

@@ -13,7 +13,7 @@ import itertools
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._numerics import horner, power
+from .._numerics import horner, larger, power
 from .bracketed_newton import increasing_root
 
 # A polynomial, highest power first: static powers, one array of coefficients each.
@@ -63,8 +63,8 @@ def log_ratio(u: Float[Array, "..."], polynomial: Polynomial) -> Float[Array, ".
     """log P+(e^u) - log P-(e^u); both signs must occur."""
     at = jnp.exp(u)
     dense = _dense(*polynomial)
-    positive = horner([jnp.maximum(c, 0) for c in dense], at)
-    negative = horner([jnp.maximum(-c, 0) for c in dense], at)
+    positive = horner([larger(c, 0) for c in dense], at)
+    negative = horner([larger(-c, 0) for c in dense], at)
     return jnp.log(positive / negative)
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .._numerics import power
+from .._numerics import larger, power, smaller
 from ..receivers.whole_frustum import extreme_receivers
 from ..theory.aliasing import inverse_width
 from ..theory.error_norm import ErrorNorm
@@ -38,7 +38,7 @@ def supremum_norm(space: LightSpace, eta: Float[Array, "..."], norm: ErrorNorm) 
         return power(blend * (blend / eta), alpha) * power(blend, beta)
 
     near, far = extreme_receivers(space, norm)
-    errors = jnp.maximum(attained(near), attained(far) / power(1 + space.depth_range, norm.metric.depth_power))
+    errors = larger(attained(near), attained(far) / power(1 + space.depth_range, norm.metric.depth_power))
     return in_units_of_error(space, eta, errors, norm)
 
 
@@ -75,7 +75,7 @@ def _tie(space: LightSpace, norm: ErrorNorm) -> tuple[Array, Array]:
     near, _ = space.edge(u)
     span = x * (space.sin_theta if u == 0.5 else space.b)  # a + 2 T u
     bottom = span + growth * near.one_minus_delta * space.mu_over_near
-    return jnp.maximum(top, 0) / bottom, jnp.where(top > 0, growth * space.mu_over_near / bottom, 1)
+    return larger(top, 0) / bottom, jnp.where(top > 0, growth * space.mu_over_near / bottom, 1)
 
 
 def _extreme_height(norm: ErrorNorm) -> float:
@@ -131,7 +131,7 @@ def _by_segments(space: LightSpace, norm: ErrorNorm, iterative: bool) -> Optimum
     tie, one_minus_tie = _tie(space, norm)
     bend = kink(space) if norm.metric.beta else jnp.zeros_like(tie)
     top, low = _pieces(space, norm)
-    upper, lower = jnp.maximum(tie, bend), jnp.minimum(tie, bend)
+    upper, lower = larger(tie, bend), smaller(tie, bend)
     tie_first = tie >= bend
 
     def root(depth: Depth, piece: Depth) -> tuple[Array, Array]:
@@ -140,13 +140,13 @@ def _by_segments(space: LightSpace, norm: ErrorNorm, iterative: bool) -> Optimum
     first, ok = root(near, top)
     middle, ok_middle = root(_choose(tie_first, far, near), _choose(tie_first, top, low))
     last, ok_last = root(far, low)
-    bottom = jnp.minimum(last, lower)
-    eta = jnp.where(first >= upper, first, jnp.where(middle >= lower, jnp.minimum(middle, upper), bottom))
+    bottom = smaller(last, lower)
+    eta = jnp.where(first >= upper, first, jnp.where(middle >= lower, smaller(middle, upper), bottom))
     on_corner = (eta == upper) | (eta == lower)
     outcome = jnp.where(on_corner, jnp.where(eta == tie, Outcome.tie, Outcome.kink), Outcome.stationary)
     outcome = jnp.where(eta >= 1, Outcome.no_warp, outcome)
     outcome = jnp.where(ok & ok_middle & ok_last, outcome, Outcome.not_converged)
-    eta = jnp.minimum(eta, 1)
+    eta = smaller(eta, 1)
     one_minus_eta = jnp.where(eta == tie, one_minus_tie, 1 - eta)
     return _with_residual(space, norm, eta, one_minus_eta, outcome)
 

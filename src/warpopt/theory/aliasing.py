@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from .._numerics import power
+from .._numerics import power, smaller
 from .error_norm import Metric
 from .frustum import ViewFrustum
 from .light_space import Depth, LightSpace, checked_theta
@@ -22,7 +22,7 @@ def inverse_width(space: LightSpace, eta: Float[Array, "..."]) -> Float[Array, "
     tan(phi_w) is the upper far corner's, which leaves the near corners outside the map for lambda < n a.
     """
     near, far = space.edge(0.0)
-    return jnp.minimum((1 + space.depth_range) * near.blend(eta), far.blend(eta))
+    return smaller((1 + space.depth_range) * near.blend(eta), far.blend(eta))
 
 
 def _error(space: LightSpace, warp: Warp, depth: Depth, z: Array, metric: Metric) -> Array:
