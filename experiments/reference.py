@@ -36,7 +36,7 @@ class Problem:
         self.x = far / near - 1
         self.log_ratio = mp.log(far / near)
         self.tan_phi = mp.tan(phi)
-        s, c = mp.sin(theta), abs(mp.cos(theta))
+        s, c = abs(mp.sin(theta)), abs(mp.cos(theta))  # float32(pi) lies beyond pi
         self.s, self.slope = s, self.tan_phi * c
         a = s - self.slope
         self.a_plus, self.a_minus, self.b = max(a, mp.mpf(0)), max(-a, mp.mpf(0)), s + self.slope

@@ -27,6 +27,7 @@ import optimistix as optx
 import scipy.optimize
 from matplotlib.figure import Figure
 from reference import Problem
+from scipy.optimize import elementwise
 
 import warpopt
 
@@ -170,12 +171,8 @@ def scipy_one_at_a_time(sample: Sample, effort: float, count: int) -> dict:
         def objective(log_eta: float) -> float:
             return float(norm_as_printed(np.exp(log_eta), problem, metric, norm, measure, order, np))
 
-        bounds = (np.log(1e-7), -1e-12)
-        return float(
-            np.exp(
-                scipy.optimize.minimize_scalar(objective, bounds=bounds, method="bounded", options={"xatol": effort}).x
-            )
-        )
+        options = {"bounds": (np.log(1e-7), -1e-12), "method": "bounded", "options": {"xatol": effort}}
+        return float(np.exp(scipy.optimize.minimize_scalar(objective, **options).x))
 
     every = list(zip(*sample.problem, strict=True))
     start = time.perf_counter()
@@ -202,11 +199,11 @@ def scipy_vectorised(sample: Sample, batch: int) -> list[dict]:
 
     def minimum(problem):
         ends = np.full(len(problem[0]), np.log(1e-7)), np.full(len(problem[0]), -1.0), np.full(len(problem[0]), -1e-9)
-        return np.exp(scipy.optimize.elementwise.find_minimum(objective, ends, args=tuple(problem)).x)
+        return np.exp(elementwise.find_minimum(objective, ends, args=tuple(problem)).x)
 
     def root(problem):
         ends = np.full(len(problem[0]), np.log(1e-7)), np.full(len(problem[0]), -2e-5)
-        found = scipy.optimize.elementwise.find_root(slope, ends, args=tuple(problem))
+        found = elementwise.find_root(slope, ends, args=tuple(problem))
         return np.where(found.success, np.exp(found.x), 1.0)
 
     for name, solve in (("find_minimum", minimum), ("find_root", root)):

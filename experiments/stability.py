@@ -154,6 +154,7 @@ def point_errors(d: dict[str, np.ndarray], count: int, seed: int) -> dict[str, f
     z = np.clip((near * (far / near) ** t).astype(dtype), few["near"], few["far"])
     y = (z.astype(float) * np.tan(few["half_fov"].astype(float)) * (1 - 2 * u)).astype(dtype)
     frustum, warp = frustum_of(few), warpopt.Warp.from_eta(few["eta"], few["near"])
+    smallest, largest = float(np.finfo(dtype).tiny), float(np.finfo(dtype).max)
     worst = {"uz_ulp": 0.0, "yz_ulp_over_condition": 0.0, "largest_condition": 0.0}
     for metric in ("p", "q", "pxq"):
         at_uz = np.asarray(warpopt.aliasing_error_uz(frustum, few["theta"], warp, u, z, metric))
@@ -162,13 +163,15 @@ def point_errors(d: dict[str, np.ndarray], count: int, seed: int) -> dict[str, f
             problem = Problem(*(few[k][i] for k in ("near", "far", "half_fov", "theta")), metric, np.inf, "screen")
             eta, depth = mp.mpf(float(few["eta"][i])), mp.mpf(float(z[i])) / mp.mpf(float(few["near"][i]))
             exact = problem.error(float(u[i]), depth, eta)
+            if not smallest < exact < largest:
+                continue  # beyond the dtype's normal numbers
             worst["uz_ulp"] = max(worst["uz_ulp"], abs(float(mp.mpf(float(at_uz[i])) / exact - 1)) / eps)
             height = problem.tan_phi * mp.mpf(float(z[i]))
             side = -1 if mp.cos(mp.mpf(float(few["theta"][i]))) < 0 else 1
             exact_u = (1 - side * mp.mpf(float(y[i])) / height) / 2
             exact = problem.error(exact_u, depth, eta)
-            if exact_u < 0 or exact == 0:
-                continue  # the rounded y lies outside the frustum
+            if exact_u < 0 or not smallest < exact < largest:
+                continue  # the rounded y lies outside the frustum, or the error outside the normal numbers
             # d log E / d log y and d log E / d log z at fixed y, through A and through u(y, z)
             condition = float(problem.condition_yz(exact_u, depth, eta))
             error = abs(float(mp.mpf(float(at_yz[i])) / exact - 1)) / eps
@@ -228,7 +231,10 @@ KNOWN_LIMITS = [
     ("1 - eta, lambda next to the onset of no warp", "condition number 1/(1 - eta); the regret stays at rounding"),
     ("eta of a flat optimum", "its condition number is 1/sqrt(second derivative); reported by regret"),
     ("f/n > 7.9e13 in L_P", "outside the tabulated integrals: `Outcome.not_finite`"),
-    ("values beyond the dtype's range", "E_pxq at f/n = 1e12 and wide fields of view exceeds 3e38, float32's largest"),
+    (
+        "values beyond the dtype's normal numbers",
+        "E_pxq spans 1e-40 to 1e50 at f/n = 1e12: infinite or rounded to zero",
+    ),
 ]
 
 
