@@ -6,6 +6,7 @@ import importlib.metadata
 import json
 import platform
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,7 @@ import warpopt
 
 from .blocks import RULES, field_shapes
 from .config import RunConfig
-from .figures import write_figures, write_view_figures
-from .job import job_of
+from .job import Job, job_of
 from .parts import Parts, folder_of
 from .report import TITLES, Finding, findings, report
 from .single import finite_or_none
@@ -61,14 +61,14 @@ def run(config: RunConfig, console: Console | None = None) -> int:
 
         start = time.perf_counter()
         with concurrent.futures.ThreadPoolExecutor(1) as pool:
-            drawing = config.output.figures and pool.submit(write_view_figures, job.views, folder, progress)
+            drawing = config.output.figures and pool.submit(_view_figures, job, folder, progress)
             sweep = sweep_of(job, parts, progress, all_there=several)
             timings["solve_s"] = time.perf_counter() - start
             drawn = drawing.result() if drawing else {}
         write_table(sweep, folder / "table.csv")
         write_arrays(sweep, folder / "table.npz")
         start = time.perf_counter()
-        figures = write_figures(sweep, folder, progress, drawn) if config.output.figures else []
+        figures = _sweep_figures(sweep, folder, progress, drawn) if config.output.figures else []
         timings["figures_s"] = time.perf_counter() - start
         found = findings(sweep)
         (folder / "report.md").write_text(report(config, sweep, found, figures), encoding="utf-8")
@@ -79,6 +79,21 @@ def run(config: RunConfig, console: Console | None = None) -> int:
     failures = sum(int((~_succeeded(o)).sum()) for o in sweep.optima)
     _summarise(console, found, config.output.directory, failures)
     return 1 if failures else 0
+
+
+def _view_figures(job: Job, folder: Path, progress: Callable[[str], None]) -> dict[str, str]:
+    # Imported here, in the drawing thread: matplotlib's first import on a machine looks through all its fonts.
+    from .figures import write_view_figures
+
+    return write_view_figures(job.views, folder, progress)
+
+
+def _sweep_figures(
+    sweep: Sweep, folder: Path, progress: Callable[[str], None], drawn: dict[str, str]
+) -> list[tuple[str, str]]:
+    from .figures import write_figures
+
+    return write_figures(sweep, folder, progress, drawn)
 
 
 def _succeeded(optimum: OptimumCurves) -> np.ndarray:
