@@ -16,13 +16,18 @@ from ..theory.light_space import Depth, LightSpace
 from .depth_integrals import depth_integrals
 
 
+def extreme_height(norm: ErrorNorm) -> float:
+    """Height fraction u of the edge on which the maximum error lies: the lower plane, or the view axis."""
+    return 0.5 if norm.measure == "axis" else 1.0
+
+
 def extreme_receivers(space: LightSpace, norm: ErrorNorm) -> tuple[Depth, Depth]:
     """The receivers (at z = n, at z = f) of which one attains the maximum error, for every warp.
 
     The error grows with delta at equal z and is quasi-convex in space, so over V it is a lower corner's; on the axis
     an end's.
     """
-    return space.edge(0.5 if norm.measure == "axis" else 1.0)
+    return space.edge(extreme_height(norm))
 
 
 class Moments(eqx.Module):

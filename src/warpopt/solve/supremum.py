@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from .._numerics import larger, power, smaller
-from ..receivers.whole_frustum import extreme_receivers
+from ..receivers.whole_frustum import extreme_height, extreme_receivers
 from ..theory.aliasing import inverse_width
 from ..theory.error_norm import ErrorNorm
 from ..theory.light_space import Depth, LightSpace
@@ -69,17 +69,13 @@ def _tie(space: LightSpace, norm: ErrorNorm) -> tuple[Array, Array]:
     """
     x, T, L = space.depth_range, space.slope, space.log_ratio
     q = norm.metric.depth_power / norm.metric.blend_power
-    u = _extreme_height(norm)
+    u = extreme_height(norm)
     growth = jnp.expm1(q * L)
     top = x * space.a_plus + (1 + growth) * (2 * T * u * jnp.expm1((1 - q) * L) - x * space.a_minus)
     near, _ = space.edge(u)
     span = x * (space.sin_theta if u == 0.5 else space.b)  # a + 2 T u
     bottom = span + growth * near.one_minus_delta * space.mu_over_near
     return larger(top, 0) / bottom, jnp.where(top > 0, growth * space.mu_over_near / bottom, 1)
-
-
-def _extreme_height(norm: ErrorNorm) -> float:
-    return 0.5 if norm.measure == "axis" else 1.0
 
 
 def minimise_supremum(space: LightSpace, norm: ErrorNorm, iterative: bool) -> Optimum:
