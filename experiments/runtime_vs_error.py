@@ -9,11 +9,8 @@ Every method solves the same random problems; errors are against 50-digit refere
 
 import argparse
 import csv
-import datetime
 import json
 import os
-import platform
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -24,16 +21,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
-import scipy.optimize
 from matplotlib.figure import Figure
+from peers import dense_grid, general_minimiser, scipy_one_at_a_time, scipy_vectorised
+from provenance import provenance, sentence, write_section
 from reference import Problem
-from scipy.optimize import elementwise
 
 import warpopt
 
 METRICS, NORMS, MEASURES = ("p", "q", "pxq"), ("inf", "l2"), ("screen", "volume")
 _ORDER = {"inf": np.inf, "l2": 2.0}
-_POWERS = {"p": (1, 0), "q": (0, 1), "pxq": (1, 1)}
 
 
 def problems(count: int, seed: int, largest_ratio: float = 1e4) -> tuple[np.ndarray, ...]:
@@ -53,42 +49,6 @@ def seconds(call: Callable[[], object], repeats: int = 5) -> float:
         jax.block_until_ready(call())
         times.append(time.perf_counter() - start)
     return min(times)
-
-
-# AT09's formulas as its reader would type them: the peers minimise these.
-
-
-def errors_as_printed(eta, z, u, n, f, phi, theta, metric, xp):
-    """E over points at height fraction u and depth z, through lambda and z_w."""
-    s, c, tan = xp.sin(theta), xp.cos(theta), xp.tan(phi)
-    a = s - tan * c
-    d0 = xp.where(a >= 0, n * a, f * a)
-    mu = f * (s + tan * c) - d0
-    lam = mu * eta / (1 - eta)
-    z_w = lam + z * s - z * tan * (1 - 2 * u) * c - d0
-    corner_near = n * tan / (lam + n * a - d0)
-    corner_far = f * tan / (lam + f * a - d0)
-    e_p = mu * z_w**2 / (tan * lam * (lam + mu) * z)
-    e_q = 2 * xp.maximum(corner_near, corner_far) * z_w / (tan * z)
-    alpha, beta = _POWERS[metric]
-    return e_p**alpha * e_q**beta
-
-
-def norm_as_printed(eta, problem, metric, norm, measure, order, xp):
-    """The norm by plain quadrature: `order` nodes in log depth, up to 8 in height; batches go in front."""
-    n, f, phi, theta = (xp.asarray(v)[..., None, None] for v in problem)
-    eta = xp.asarray(eta)[..., None, None]
-    if norm == "inf":
-        z = xp.concatenate([n, f], axis=-1)
-        return errors_as_printed(eta, z, 1.0, n, f, phi, theta, metric, xp).max((-1, -2))
-    nodes, weights = np.polynomial.legendre.leggauss(order)
-    t, w = (1 + nodes) / 2, weights / 2
-    z = n * (f / n) ** t
-    u = t[:, None][: min(order, 8)] if order < 8 else ((1 + np.polynomial.legendre.leggauss(8)[0]) / 2)[:, None]
-    v = w[:, None][: min(order, 8)] if order < 8 else (np.polynomial.legendre.leggauss(8)[1] / 2)[:, None]
-    density = w * v * z ** (3.0 - (2.0 if measure == "screen" else 0.0))
-    squares = errors_as_printed(eta, z, u, n, f, phi, theta, metric, xp) ** 2
-    return xp.sqrt((density * squares).sum((-1, -2)) / density.sum((-1, -2)))
 
 
 class Sample:
@@ -116,6 +76,13 @@ class Sample:
             "regret_worst": float(regret.max()),
         }
 
+    def row(self, method: str, effort: str, per_solve: float, batch: int, eta) -> dict:
+        metric, norm, measure = self.key
+        return {
+            "metric": metric, "norm": norm, "measure": measure, "method": method, "effort": effort,
+            "ns_per_solve": per_solve * 1e9, "batch": batch, **self.errors(eta),
+        }  # fmt: skip
+
 
 def frustum_of(problem, dtype=np.float64):
     near, far, half_fov, theta = (np.asarray(v, dtype) for v in problem)
@@ -137,119 +104,8 @@ def ours(sample: Sample, batch: int) -> list[dict]:
         timing = seconds(lambda f=frustum, t=theta, o=solve: warpopt.optimal_warp(f, t, metric, norm, measure, **o))
         few, few_theta = frustum_of(sample.problem, dtype)
         eta = warpopt.optimal_warp(few, few_theta, metric, norm, measure, **solve).warp.eta
-        rows.append(row(sample, name, "", timing / size, size, eta))
+        rows.append(sample.row(name, "", timing / size, size, eta))
     return rows
-
-
-def row(sample: Sample, method: str, effort: str, per_solve: float, batch: int, eta) -> dict:
-    metric, norm, measure = sample.key
-    return {
-        "metric": metric, "norm": norm, "measure": measure, "method": method, "effort": effort,
-        "ns_per_solve": per_solve * 1e9, "batch": batch, **sample.errors(eta),
-    }  # fmt: skip
-
-
-def least_order(sample: Sample, tolerance: float) -> int:
-    """The smallest quadrature order whose norm is within tolerance of the reference, for the worst of the sample."""
-    metric, norm, measure = sample.key
-    if norm == "inf":
-        return 1
-    eta = np.array([float(min(b.eta, 1 - 1e-9)) for b in sample.best])
-    exact = np.array([float(p.norm(e)) for p, e in zip(sample.exact, eta, strict=True)])
-    for order in (4, 6, 8, 10, 12, 14, 16, 20, 24, 32):
-        if np.abs(norm_as_printed(eta, sample.problem, metric, norm, measure, order, np) / exact - 1).max() < tolerance:
-            return order
-    return 48
-
-
-def scipy_one_at_a_time(sample: Sample, effort: float, count: int) -> dict:
-    """`minimize_scalar(bounded)` over log eta; values alone reach sqrt(eps) at best, so the order is for 1e-12."""
-    metric, norm, measure = sample.key
-    order = least_order(sample, max(effort**2, 1e-12))
-
-    def solve(problem) -> float:
-        def objective(log_eta: float) -> float:
-            return float(norm_as_printed(np.exp(log_eta), problem, metric, norm, measure, order, np))
-
-        options = {"bounds": (np.log(1e-7), -1e-12), "method": "bounded", "options": {"xatol": effort}}
-        return float(np.exp(scipy.optimize.minimize_scalar(objective, **options).x))
-
-    every = list(zip(*sample.problem, strict=True))
-    start = time.perf_counter()
-    for problem in every[:count]:
-        solve(problem)
-    per_solve = (time.perf_counter() - start) / min(count, len(every))
-    eta = [solve(problem) for problem in every]
-    return row(sample, "SciPy minimize_scalar, one at a time", f"xatol={effort:g} order={order}", per_solve, count, eta)
-
-
-def scipy_vectorised(sample: Sample, batch: int) -> list[dict]:
-    """`elementwise.find_minimum` on the norm and `elementwise.find_root` on its derivative, by NumPy arrays."""
-    metric, norm, measure = sample.key
-    rows = []
-    order = least_order(sample, 1e-12)
-
-    def objective(log_eta, *problem):
-        return norm_as_printed(np.exp(log_eta), problem, metric, norm, measure, order, np)
-
-    def slope(log_eta, *problem):
-        # complex-free derivative by a central difference would lose digits; the analytic one of E is simple in L2
-        step = 1e-5
-        return objective(log_eta + step, *problem) - objective(log_eta - step, *problem)
-
-    def minimum(problem):
-        ends = np.full(len(problem[0]), np.log(1e-7)), np.full(len(problem[0]), -1.0), np.full(len(problem[0]), -1e-9)
-        return np.exp(elementwise.find_minimum(objective, ends, args=tuple(problem)).x)
-
-    def root(problem):
-        ends = np.full(len(problem[0]), np.log(1e-7)), np.full(len(problem[0]), -2e-5)
-        found = elementwise.find_root(slope, ends, args=tuple(problem))
-        return np.where(found.success, np.exp(found.x), 1.0)
-
-    for name, solve in (("find_minimum", minimum), ("find_root", root)):
-        many = problems(batch, 0)
-        timing = seconds(lambda s=solve, m=many: s(m), 1)
-        rows.append(
-            row(sample, f"SciPy elementwise.{name}", f"order={order}", timing / batch, batch, solve(sample.problem))
-        )
-    return rows
-
-
-def dense_grid(sample: Sample, points: int, batch: int) -> dict:
-    """The best of evenly spaced log eta, in JAX."""
-    metric, norm, measure = sample.key
-    eta = jnp.exp(jnp.linspace(jnp.log(1e-7), 0.0, points))
-
-    @jax.jit
-    def solve(frustum, theta):
-        mu = jnp.zeros(())
-        warp = warpopt.Warp(eta[:, None], 1 - eta[:, None], mu, jnp.ones((), bool))
-        values = warpopt.error_norm(frustum, theta, warp, metric, norm, measure)
-        return eta[jnp.argmin(values, axis=0)]
-
-    timing = seconds(lambda: solve(*frustum_of(problems(batch, 0))), 2)
-    return row(
-        sample, "dense grid in JAX", f"points={points}", timing / batch, batch, solve(*frustum_of(sample.problem))
-    )
-
-
-def general_minimiser(sample: Sample, name: str, solver, batch: int) -> dict:
-    """An optimistix minimiser on log of the raw norm, in x = logit(eta)."""
-    metric, norm, measure = sample.key
-    order = least_order(sample, 1e-12)
-
-    def solve_one(problem):
-        def objective(x, _):
-            return jnp.log(norm_as_printed(jax.nn.sigmoid(x), problem, metric, norm, measure, order, jnp))
-
-        start = jnp.asarray(-2.0)
-        return jax.nn.sigmoid(optx.minimise(objective, solver, start, max_steps=300, throw=False).value)
-
-    solve = jax.jit(jax.vmap(solve_one))
-    many = tuple(map(jnp.asarray, problems(batch, 0)))
-    timing = seconds(lambda: solve(many), 1)
-    eta = np.clip(np.nan_to_num(np.asarray(solve(tuple(map(jnp.asarray, sample.problem)))), nan=1.0), 1e-12, 1.0)
-    return row(sample, f"optimistix {name}", f"rtol={solver.rtol:g}", timing / batch, batch, eta)
 
 
 def published(sample: Sample, batch: int) -> list[dict]:
@@ -258,8 +114,17 @@ def published(sample: Sample, batch: int) -> list[dict]:
         rule = jax.jit(getattr(warpopt.rules, name))
         many = frustum_of(problems(batch, 0))
         timing = seconds(lambda r=rule, m=many: r(*m))
-        rows.append(row(sample, f"rule {name}", "", timing / batch, batch, rule(*frustum_of(sample.problem)).eta))
+        rows.append(sample.row(f"rule {name}", "", timing / batch, batch, rule(*frustum_of(sample.problem)).eta))
     return rows
+
+
+def deep(arguments, metric: str, norm: str, measure: str) -> list[dict]:
+    """The solver alone on f/n up to 1e12: reported, not promised (eta's condition grows near the onset of no warp)."""
+    sample = Sample(max(arguments.references // 3, 3), metric, norm, measure, 1e12)
+    frustum, theta = frustum_of(problems(arguments.batch, 0, 1e12))
+    timing = seconds(lambda: warpopt.optimal_warp(frustum, theta, metric, norm, measure, throw=False))
+    eta = warpopt.optimal_warp(*frustum_of(sample.problem), metric, norm, measure, throw=False).warp.eta
+    return [sample.row("warpopt, f/n to 1e12", "", timing / arguments.batch, arguments.batch, eta)]
 
 
 def measure_methods(arguments) -> list[dict]:
@@ -269,13 +134,14 @@ def measure_methods(arguments) -> list[dict]:
         sample = Sample(arguments.references, metric, norm, measure, 1e4)
         found = ours(sample, arguments.batch)
         found += [scipy_one_at_a_time(sample, effort, 100) for effort in (1e-3, 1e-8)]
-        found += scipy_vectorised(sample, max(arguments.batch // 500, 50))
-        found += [dense_grid(sample, points, max(arguments.batch // 500, 50)) for points in (64, 1024)]
+        fewer = problems(max(arguments.batch // 500, 50), 0)
+        many, few = frustum_of(fewer), frustum_of(sample.problem)
+        found += scipy_vectorised(sample, fewer, seconds)
+        found += [dense_grid(sample, points, many, few, seconds) for points in (64, 1024)]
         minimisers = (("BFGS", optx.BFGS(1e-8, 1e-8)), ("Nelder-Mead", optx.NelderMead(1e-8, 1e-8)))
-        found += [
-            general_minimiser(sample, name, solver, max(arguments.batch // 500, 50)) for name, solver in minimisers
-        ]
+        found += [general_minimiser(sample, name, solver, fewer, seconds) for name, solver in minimisers]
         found += published(sample, arguments.batch)
+        found += deep(arguments, metric, norm, measure)
         for r in found:
             print(
                 f"{metric:>4} {norm:>4} {measure:>7} {r['method']:<40} {r['effort']:<22} {r['ns_per_solve']:>12.1f} ns"
@@ -317,12 +183,40 @@ def draw(rows: list[dict], path: Path) -> None:
     figure.savefig(path, dpi=150)
 
 
+def performance(rows: list[dict], summary: dict) -> str:
+    """The table of README's performance section."""
+    shown = {"warpopt": "warpopt", "SciPy elementwise.find_root": "SciPy find_root, vectorised"}
+    shown |= {"SciPy elementwise.find_minimum": "SciPy find_minimum, vectorised", "optimistix BFGS": "optimistix BFGS"}
+    shown["SciPy minimize_scalar, one at a time"] = "SciPy minimize_scalar, one at a time"
+    combinations = [("p", "inf", "screen"), ("p", "l2", "screen"), ("pxq", "l2", "screen")]
+    lines = [
+        "| method | " + " | ".join(f"E_{m} {n}: time, error" for m, n, _ in combinations) + " |",
+        "|---|---|---|---|",
+    ]
+    times: dict[tuple, float] = {}
+    for method, name in shown.items():
+        cells = []
+        for key in combinations:
+            found = [r for r in rows if r["method"] == method and (r["metric"], r["norm"], r["measure"]) == key]
+            if found:
+                best = min(found, key=lambda r: r["eta_error_median"])
+                unit = times.setdefault(key, best["ns_per_solve"])
+                cells.append(f"{best['ns_per_solve'] / unit:,.0f}, {best['eta_error_median']:.0e}")
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    own = ", ".join(f"{times[key]:.0f}" for key in combinations if key in times)
+    return "\n".join(lines) + (
+        f"\n\nTime per solve over warpopt's ({own} ns), and median relative error of eta, on random problems"
+        f"\nwith f/n up to 1e4. {sentence(summary)}."
+    )
+
+
 def main(words: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--directory", type=Path, default=Path("runs/runtime_vs_error"))
     parser.add_argument("--batch", type=int, default=1_000_000)
     parser.add_argument("--references", type=int, default=300)
     parser.add_argument("--short", action="store_true")
+    parser.add_argument("--page", type=Path, help="a page with a place for `performance`, such as README.md")
     arguments = parser.parse_args(words)
     if arguments.short:
         arguments.batch, arguments.references = 2_000, 6
@@ -334,30 +228,13 @@ def main(words: list[str] | None = None) -> None:
         writer = csv.DictWriter(file, rows[0].keys())
         writer.writeheader()
         writer.writerows(rows)
-    summary = {
-        "date": datetime.date.today().isoformat(),
-        "machine": {"processor": _processor(), "cores": os.cpu_count(), "device": str(jax.devices()[0])},
-        "versions": {
-            "jax": jax.__version__,
-            "numpy": np.__version__,
-            "scipy": scipy.__version__,
-            "python": sys.version.split()[0],
-        },
-        "batch": arguments.batch,
-        "targets": measure_targets(rows, arguments),
-    }
+    summary = provenance() | {"batch": arguments.batch, "targets": measure_targets(rows, arguments)}
     (arguments.directory / "summary.json").write_text(json.dumps(summary, indent=1) + "\n")
     draw(rows, arguments.directory / "runtime_vs_error.png")
     for name, entry in summary["targets"].items():
         print(f"{name:<58} {entry['measured']:>12.4g}   target {entry['target']}")
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
+    if arguments.page:
+        write_section(arguments.page, "performance", performance(rows, summary))
 
 
 if __name__ == "__main__":

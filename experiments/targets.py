@@ -14,17 +14,20 @@ _MEMORY_PROBE = """
 import os, sys
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 sys.path.insert(0, {folder!r})
-import resource, numpy as np, warpopt
+import warpopt
 from runtime_vs_error import frustum_of, problems
 frustum, theta = frustum_of(problems({count}, 0))
 warpopt.optimal_warp(frustum, theta, "p", "l2", throw=False)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+# Not getrusage's ru_maxrss: Linux starts it from the parent's, across exec.
+peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
+print(int(peak.split()[1]) / 1024)
 """
 
 
 def measure_targets(rows: list[dict], arguments) -> dict[str, dict]:
     """Every target: what was measured, what was asked for, how."""
-    from runtime_vs_error import errors_as_printed, frustum_of, problems, seconds
+    from peers import errors_as_printed
+    from runtime_vs_error import frustum_of, problems, seconds
 
     batch = arguments.batch
     raw = problems(batch, 0)
@@ -87,7 +90,7 @@ def measure_targets(rows: list[dict], arguments) -> dict[str, dict]:
         @jax.jit
         def four_corners(n, f, phi, theta, eta, metric=metric):
             errors = [
-                errors_as_printed(eta, f if far else n, float(u), n, f, phi, theta, metric, jnp)
+                errors_as_printed(eta, f if far else n, float(u), n, f, phi, theta, metric, jnp)[0]
                 for u, far in corners.tolist()
             ]
             return jnp.stack(errors).max(0)

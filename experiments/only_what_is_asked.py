@@ -1,0 +1,147 @@
+"""What is not asked for is not paid for: each saving by its time with and without.
+
+    python experiments/only_what_is_asked.py --directory runs/only_what_is_asked
+
+Writes `savings.json` and prints the table. `--short` is a slice for tests. `--page` writes the table into a page.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+os.environ.setdefault("JAX_ENABLE_X64", "1")
+
+import jax
+import jax.monitoring
+import numpy as np
+from provenance import provenance, sentence, write_section
+from runtime_vs_error import frustum_of, problems, seconds
+
+import warpopt
+
+_ROOT = Path(__file__).parents[1]
+
+
+def saving(name: str, without: float, with_it: float, unit: str, how: str) -> dict:
+    """`without` is the cost when it is not asked for, or taken the short way; `with_it` the other."""
+    return {"saving": name, "without": without, "with": with_it, "unit": unit, "how": how}
+
+
+def solves(count: int) -> list[dict]:
+    """Inside the solver: no-warp cases, closed forms, a sweep's shared integrals."""
+    found = []
+    near, far, phi, _ = problems(count, 0)
+    frustum, theta = frustum_of((near, far, phi, np.full(count, 1.2)))
+
+    def ns(theta=theta, frustum=frustum, **options) -> float:
+        return seconds(lambda: warpopt.optimal_warp(frustum, theta, throw=False, **options)) / count * 1e9
+
+    along = np.full(count, 1e-3)  # the light along the view: no warp is best in every frustum
+    outcomes = np.asarray(warpopt.optimal_warp(frustum, along, "p", "l2", throw=False).result)
+    if not (outcomes == warpopt.Outcome.no_warp).all():
+        raise RuntimeError("expected no warp everywhere")
+    decided, solved = (ns(theta=t, metric="pxq", norm="l2") for t in (along, theta))
+    found.append(
+        saving("no warp is best: no iteration", decided, solved, "ns a solve", "E_pxq L2, theta 0.001 and 1.2")
+    )
+    for metric, norm in (("p", "l1"), ("q", "l2"), ("p", "inf"), ("q", "inf"), ("pxq", "inf")):
+        closed, iterated = (ns(metric=metric, norm=norm, method=m) for m in ("auto", "iterative"))
+        found.append(
+            saving(f"closed form, E_{metric} {norm}", closed, iterated, "ns a solve", "method= auto, iterative")
+        )
+    one = warpopt.ViewFrustum(1.0, 100.0, 0.5)
+    many = warpopt.ViewFrustum(np.full(count, 1.0), 100.0, 0.5)
+    for metric in ("p", "pxq"):
+        shared, apart = (ns(frustum=f, metric=metric, norm="l2") for f in (one, many))
+        found.append(
+            saving(
+                f"a sweep's shared integrals, E_{metric} L2", shared, apart, "ns a solve", "one frustum, a copy each"
+            )
+        )
+    return found
+
+
+def runs() -> list[dict]:
+    """The command: metrics, norms and figures that were not asked for, by compilations and by wall time."""
+    config = _ROOT / "configs" / "quick.toml"
+    compiled = {}
+    for name, words in {
+        "one metric": ["--objective.metrics", '["p"]', "--objective.norms", '["l2"]'],
+        "three metrics": ["--objective.metrics", '["p", "q", "pxq"]', "--objective.norms", '["l2"]'],
+        "three norms": ["--objective.metrics", '["p"]', "--objective.norms", '["inf", "l1", "l2"]'],
+        "figures": ["--objective.metrics", '["p"]', "--objective.norms", '["l2"]', "--output.figures", "true"],
+    }.items():
+        with tempfile.TemporaryDirectory() as folder:
+            figures = [] if name == "figures" else ["--output.figures", "false"]
+            command = [sys.executable, __file__, "--count-compilations", str(config), *words, *figures]
+            start = time.perf_counter()
+            environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": ""}
+            out = subprocess.run(
+                [*command, "--output.directory", f"{folder}/run"],
+                capture_output=True,
+                text=True,
+                check=True,
+                env=environment,
+            )
+            compiled[name] = int(out.stdout.split()[-1]), time.perf_counter() - start
+    base = compiled.pop("one metric")
+    found = []
+    for name, (count, wall) in compiled.items():
+        found.append(
+            saving(f"{name}: compilations", base[0], count, "compilations", "a run of E_p L2 alone, and with them")
+        )
+        found.append(saving(f"{name}: wall time", base[1], wall, "s a run", "a run of E_p L2 alone, and with them"))
+    return found
+
+
+def count_compilations(words: list[str]) -> None:
+    """Run the command in this process and print how many programs XLA compiled."""
+    from warpopt.app.cli import main as warpopt_main
+
+    count = 0
+
+    def listen(event: str, duration: float, **_) -> None:
+        nonlocal count
+        count += event == "/jax/core/compile/backend_compile_duration"
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        code = warpopt_main(["run", *words])
+    except SystemExit as end:
+        code = end.code
+    print(f"\n{count}")
+    raise SystemExit(code or 0)
+
+
+def table(savings: list[dict]) -> str:
+    lines = ["| what | without | with | unit | how |", "|---|---|---|---|---|"]
+    lines += [f"| {s['saving']} | {s['without']:.4g} | {s['with']:.4g} | {s['unit']} | {s['how']} |" for s in savings]
+    return "\n".join(lines)
+
+
+def main(words: list[str] | None = None) -> None:
+    words = sys.argv[1:] if words is None else words
+    if words[:1] == ["--count-compilations"]:
+        return count_compilations(words[1:])
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--directory", type=Path, default=Path("runs/only_what_is_asked"))
+    parser.add_argument("--batch", type=int, default=1_000_000)
+    parser.add_argument("--short", action="store_true", help="a small batch and no runs of the command")
+    parser.add_argument("--page", type=Path, help="a page with a place for `only what is asked`")
+    arguments = parser.parse_args(words)
+    savings = solves(2_000) if arguments.short else solves(arguments.batch) + runs()
+    summary = provenance() | {"savings": savings}
+    arguments.directory.mkdir(parents=True, exist_ok=True)
+    (arguments.directory / "savings.json").write_text(json.dumps(summary, indent=1) + "\n")
+    print(table(savings))
+    if arguments.page:
+        write_section(arguments.page, "only what is asked", f"{table(savings)}\n\n{sentence(summary)}.")
+
+
+if __name__ == "__main__":
+    main()
