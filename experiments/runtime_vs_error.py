@@ -3,8 +3,8 @@
     python experiments/runtime_vs_error.py --directory runs/runtime_vs_error
 
 Every method solves the same random problems; errors are against 50-digit references on a sample of them. Writes
-`methods.csv` (one row for each method and effort), `summary.json` (the ratios, with the machine and date), and
-`runtime_vs_error.png`. `--short` is a slice for tests: it shows that everything runs, its times mean nothing.
+`methods.csv` (one row for each method and effort), `summary.json` (the ratios, with the machine and date),
+`runtime_vs_error.png` and `runtime_vs_regret.png`. `--short` is a slice for tests: it shows that everything runs, its times mean nothing.
 """
 
 import argparse
@@ -152,7 +152,7 @@ def measure_methods(arguments) -> list[dict]:
     return rows
 
 
-def draw(rows: list[dict], path: Path) -> None:
+def draw(rows: list[dict], quantity: str, label: str, path: Path) -> None:
     combinations = list(dict.fromkeys((r["metric"], r["norm"], r["measure"]) for r in rows))
     figure = Figure(figsize=(5.2 * min(3, len(combinations)), 3.9 * -(-len(combinations) // 3)), layout="constrained")
     axes = figure.subplots(
@@ -165,14 +165,14 @@ def draw(rows: list[dict], path: Path) -> None:
             points = [r for r in rows if r["method"] == method and (r["metric"], r["norm"], r["measure"]) == key]
             if points:
                 x = [r["ns_per_solve"] for r in points]
-                y = [max(r["eta_error_median"], 1e-17) for r in points]
+                y = [max(r[quantity], 1e-17) for r in points]
                 ax.loglog(x, y, markers[i % len(markers)], color=f"C{i % 10}", label=method, alpha=0.85)
         ax.set_title(f"E_{key[0]}, {key[1]}, {key[2]}", fontsize=10)
         ax.grid(alpha=0.25)
     for ax in axes[-1]:
         ax.set_xlabel("time per solve (ns)")
     for ax in axes[:, 0]:
-        ax.set_ylabel("median relative error of eta")
+        ax.set_ylabel(label)
     for ax in axes.flat[len(combinations) :]:
         ax.set_visible(False)
     handles, labels = axes.flat[0].get_legend_handles_labels()
@@ -210,13 +210,20 @@ def performance(rows: list[dict], summary: dict) -> str:
     )
 
 
+def targets_table(summary: dict) -> str:
+    lines = ["| what | measured | target | how |", "|---|---|---|---|"]
+    lines += [f"| {k} | {t['measured']:.4g} | {t['target']} | {t['how']} |" for k, t in summary["targets"].items()]
+    return "\n".join(lines) + f"\n\nBatches of {summary['batch']:,}. {sentence(summary)}."
+
+
 def main(words: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--directory", type=Path, default=Path("runs/runtime_vs_error"))
     parser.add_argument("--batch", type=int, default=1_000_000)
     parser.add_argument("--references", type=int, default=300)
     parser.add_argument("--short", action="store_true")
-    parser.add_argument("--page", type=Path, help="a page with a place for `performance`, such as README.md")
+    parser.add_argument("--readme", type=Path, help="a page with a place for `performance`")
+    parser.add_argument("--page", type=Path, help="a page with a place for `targets`")
     arguments = parser.parse_args(words)
     if arguments.short:
         arguments.batch, arguments.references = 2_000, 6
@@ -230,11 +237,14 @@ def main(words: list[str] | None = None) -> None:
         writer.writerows(rows)
     summary = provenance() | {"batch": arguments.batch, "targets": measure_targets(rows, arguments)}
     (arguments.directory / "summary.json").write_text(json.dumps(summary, indent=1) + "\n")
-    draw(rows, arguments.directory / "runtime_vs_error.png")
+    draw(rows, "eta_error_median", "median relative error of eta", arguments.directory / "runtime_vs_error.png")
+    draw(rows, "regret_worst", "worst regret: value / minimum - 1", arguments.directory / "runtime_vs_regret.png")
     for name, entry in summary["targets"].items():
         print(f"{name:<58} {entry['measured']:>12.4g}   target {entry['target']}")
+    if arguments.readme:
+        write_section(arguments.readme, "performance", performance(rows, summary))
     if arguments.page:
-        write_section(arguments.page, "performance", performance(rows, summary))
+        write_section(arguments.page, "targets", targets_table(summary))
 
 
 if __name__ == "__main__":

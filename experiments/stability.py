@@ -11,10 +11,13 @@ hexadecimal, to rerun it) and `heat_map.png`. `--draws` is a number for each dty
 import argparse
 import csv
 import json
+import multiprocessing
 import os
 import sys
 import time
+from concurrent.futures import Executor, ProcessPoolExecutor
 from pathlib import Path
+from typing import NamedTuple
 
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 
@@ -24,6 +27,7 @@ import mpmath as mp
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from provenance import provenance, sentence, write_section
 from reference import Problem
 
 import warpopt
@@ -125,21 +129,43 @@ def check_invariants(d: dict[str, np.ndarray], combination) -> tuple[dict[str, f
     return found, np.nan_to_num(indicator, nan=np.inf)
 
 
-def reference_errors(d: dict[str, np.ndarray], i: int, solution, norm_at_eta, combination) -> dict[str, float]:
+class Answer(NamedTuple):
+    """One draw and what warpopt says of it, as exact Python numbers."""
+
+    inputs: dict[str, float]
+    eta: float
+    value: float
+    norm_at_eta: float
+    largest: float
+    eps: float
+    combination: tuple[str, float, str]
+
+
+def reference_errors(answer: Answer) -> dict[str, float]:
     """Regret of the optimum and error of a norm, for one draw, in units of eps."""
-    metric, order, measure = combination
-    eps = float(np.finfo(d["near"].dtype).eps)
-    problem = Problem(d["near"][i], d["far"][i], d["half_fov"][i], d["theta"][i], metric, order, measure)
+    metric, order, measure = answer.combination
+    view = (answer.inputs[k] for k in ("near", "far", "half_fov", "theta"))
+    problem = Problem(*view, metric, order, measure)
     best = problem.minimise()
-    eta = float(solution.warp.eta[i])
-    k = BLEND_POWER[metric]
-    exact, largest = problem.norm(float(d["eta"][i])), float(np.finfo(d["near"].dtype).max)
+    exact = problem.norm(answer.inputs["eta"])
+    eps = answer.eps
     return {
-        "regret_over_k_eps": max(float(problem.norm(eta) / best.value - 1), 0.0) / (k * eps),
-        "value_ulp": abs(float(mp.mpf(float(solution.value[i])) / best.value - 1)) / eps,
-        "norm_ulp": 0.0 if exact > largest else abs(float(mp.mpf(float(norm_at_eta[i])) / exact - 1)) / eps,
-        "eta_relative": abs(float(mp.mpf(eta) / best.eta - 1)),
+        "regret_over_k_eps": max(float(problem.norm(answer.eta) / best.value - 1), 0.0) / (BLEND_POWER[metric] * eps),
+        "value_ulp": abs(float(mp.mpf(answer.value) / best.value - 1)) / eps,
+        "norm_ulp": 0.0 if exact > answer.largest else abs(float(mp.mpf(answer.norm_at_eta) / exact - 1)) / eps,
+        "eta_relative": abs(float(mp.mpf(answer.eta) / best.eta - 1)),
     }
+
+
+def answers(d: dict[str, np.ndarray], chosen: np.ndarray, solution, at_eta: np.ndarray, combination) -> list[Answer]:
+    info = np.finfo(d["near"].dtype)
+    return [
+        Answer(
+            {k: float(v[i]) for k, v in d.items()}, float(solution.warp.eta[i]), float(solution.value[i]),
+            float(at_eta[i]), float(info.max), float(info.eps), combination,
+        )
+        for i in chosen
+    ]  # fmt: skip
 
 
 def point_errors(d: dict[str, np.ndarray], count: int, seed: int) -> dict[str, float]:
@@ -180,7 +206,7 @@ def point_errors(d: dict[str, np.ndarray], count: int, seed: int) -> dict[str, f
     return worst
 
 
-def run_dtype(dtype, arguments) -> tuple[dict, list[dict], list[tuple]]:
+def run_dtype(dtype, arguments, pool: Executor) -> tuple[dict, list[dict], list[tuple]]:
     """All combinations in one dtype: (figures by combination, worst cases, points of the heat map)."""
     combinations = COMBINATIONS[:: -(-len(COMBINATIONS) // arguments.combinations)]
     per = -(-arguments.draws // len(combinations))
@@ -196,7 +222,7 @@ def run_dtype(dtype, arguments) -> tuple[dict, list[dict], list[tuple]]:
         solution, at_eta = jax.tree.map(np.asarray, solution), norm_of(d, combination)
         order_of_doubt = np.argsort(-indicator)
         chosen = np.unique(np.concatenate([np.arange(stratified), order_of_doubt[:hardest]]))
-        errors = [reference_errors(d, int(i), solution, at_eta, combination) for i in chosen]
+        errors = list(pool.map(reference_errors, answers(d, chosen, solution, at_eta, combination), chunksize=4))
         for key in ("regret_over_k_eps", "value_ulp", "norm_ulp"):
             values = np.array([e[key] for e in errors])
             found[key] = float(values.max())
@@ -258,7 +284,12 @@ def draw_heat_map(points: dict[str, list[tuple]], path: Path) -> None:
 
 
 def report(summary: dict) -> str:
-    lines = ["# Numerical stability", "", f"{summary['draws']} draws for each dtype; eps is each dtype's own.", ""]
+    lines = ["# Numerical stability", "", ""]
+    lines += [
+        f"{summary['draws']:,} draws for each dtype, {summary['references']:,} stratified and as many of the worst of them",
+        f"compared with 50-digit references; ulp and eps are each dtype's own. {sentence(summary)}.",
+        "",
+    ]
     lines += ["| figure | target | float64 | float32 |", "|---|---|---|---|"]
     for name, target in TARGETS.items():
         cells = [f"{summary['worst'][dtype].get(name, float('nan')):.3g}" for dtype in ("float64", "float32")]
@@ -269,8 +300,8 @@ def report(summary: dict) -> str:
         f"Largest condition number of E at (y, z): {conditions['float64']:.3g}, {conditions['float32']:.3g}.",
         "",
     ]
-    lines += ["## Known limits", "", "| what | why |", "|---|---|", *(f"| {a} | {b} |" for a, b in KNOWN_LIMITS)]
-    lines += ["", "## Known defects", ""]
+    lines += ["### Known limits", "", "| what | why |", "|---|---|", *(f"| {a} | {b} |" for a, b in KNOWN_LIMITS)]
+    lines += ["", "### Known defects", ""]
     lines += [f"- {d}" for d in summary["defects"]] or ["None."]
     return "\n".join(lines) + "\n"
 
@@ -282,13 +313,17 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--references", type=int, default=3_000, help="stratified draws, and as many of the worst")
     parser.add_argument("--points", type=int, default=1_000)
     parser.add_argument("--combinations", type=int, default=len(COMBINATIONS), help="evenly chosen, for a short run")
+    parser.add_argument("--processes", type=int, default=os.cpu_count(), help="for the references")
+    parser.add_argument("--page", type=Path, help="a page with a place for `stability`")
     parser.add_argument("--dtypes", nargs="+", default=["float64", "float32"])
     arguments = parser.parse_args(words)
     arguments.directory.mkdir(parents=True, exist_ok=True)
     tables, rows, points, worst = {}, [], {}, {}
     for name in arguments.dtypes:
         dtype = np.dtype(name).type
-        tables[name], found, points[name] = run_dtype(dtype, arguments)
+        # New processes, not forks: JAX's threads do not survive a fork.
+        with ProcessPoolExecutor(arguments.processes, multiprocessing.get_context("spawn")) as pool:
+            tables[name], found, points[name] = run_dtype(dtype, arguments, pool)
         rows += found
         worst[name] = {
             k: max(t[k] for t in tables[name].values()) for k in next(iter(tables[name].values()))
@@ -299,7 +334,8 @@ def main(words: list[str] | None = None) -> int:
         for key, figure in figures.items()
         if key in TARGETS and not figure <= TARGETS[key]
     ]
-    summary = {"draws": arguments.draws, "worst": worst, "defects": defects, "tables": tables}
+    summary = provenance() | {"draws": arguments.draws, "references": arguments.references}
+    summary |= {"worst": worst, "defects": defects, "tables": tables}
     (arguments.directory / "stability.json").write_text(json.dumps(summary, indent=1) + "\n")
     with (arguments.directory / "worst.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0].keys())
@@ -309,6 +345,8 @@ def main(words: list[str] | None = None) -> int:
     (arguments.directory / "report.md").write_text(report(summary))
     draw_heat_map(points, arguments.directory / "heat_map.png")
     print(report(summary))
+    if arguments.page:
+        write_section(arguments.page, "stability", report(summary).split("\n", 2)[2])
     return 1 if defects else 0
 
 

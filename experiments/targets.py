@@ -40,9 +40,7 @@ def measure_targets(rows: list[dict], arguments) -> dict[str, dict]:
     def per_solve(metric, norm, measure, method) -> float:
         key = (metric, norm, measure)
         times = [
-            r["ns_per_solve"]
-            for r in rows
-            if (r["metric"], r["norm"], r["measure"]) == key and r["method"].startswith(method)
+            r["ns_per_solve"] for r in rows if (r["metric"], r["norm"], r["measure"]) == key and r["method"] == method
         ]
         return min(times) if times else float("nan")
 

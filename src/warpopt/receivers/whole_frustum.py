@@ -67,11 +67,40 @@ def moments(space: LightSpace, norm: ErrorNorm) -> Moments:
     exact for the polynomial. A is linear in depth along each height's segment, so that a moment is the polar form of
     the depth integrals at the segment's end values: repeated contraction, all terms positive.
     """
+    M, x = round(norm.blend_degree), space.depth_range
+    if norm.measure == "axis":
+        heights, weights = np.array([0.5]), np.array([1.0])
+    else:
+        heights, weights = unit_nodes(M // 2 + 1)
+    # The heights are a leading axis: one contraction for all.
+    batch = (-1,) + (1,) * jnp.ndim(space.edge(1.0)[0].delta + x)
+    near, far = space.edge(heights.astype(x.dtype).reshape(batch))
+    return segment_moments(
+        near, far, weights.astype(x.dtype).reshape(batch), space.edge(1.0)[0].delta, x, space.log_ratio, norm
+    )
+
+
+def unit_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss-Legendre nodes and weights on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return (1 + nodes) / 2, weights / 2
+
+
+def segment_moments(
+    near: Depth, far: Depth, weights: Array, nearest: Array, x: Array, L: Array, norm: ErrorNorm
+) -> Moments:
+    """Moments over segments from the near to the far plane, along each of which delta is linear in z.
+
+    Args:
+        near, far: depths at the segments' ends, shape (segments, ...).
+        weights: of the segments, summing to 1, of a shape that broadcasts with the ends'.
+        nearest: largest delta on the near plane.
+        x, L: (f - n)/n and log(f/n).
+        norm: the norm, whose M must be an integer.
+    """
     M, Q = round(norm.blend_degree), norm.depth_exponent
-    x, L = space.depth_range, space.log_ratio
     # A first scale, free of the data: about where the optimum is, and never below the nearest receivers' delta. It
     # keeps the integrals (which span (n/f)^Q) and the corner values in range.
-    nearest = space.edge(1.0)[0].delta
     e = norm.metric.depth_power / norm.metric.blend_power
     sigma = jax.lax.stop_gradient(jnp.maximum(jnp.exp(-e * L), nearest))
     rise = [min(i + 1, Q) - min(1, Q) for i in range(M + 1)]
@@ -81,20 +110,11 @@ def moments(space: LightSpace, norm: ErrorNorm) -> Moments:
         value * power(ratio, m) * power(sigma, centre - (i - m))
         for i, (m, value) in enumerate(zip(rise, staged(functools.partial(depth_integrals, M, Q), L), strict=True))
     ]
-    if norm.measure == "axis":
-        heights, weights = np.array([0.5]), np.array([1.0])
-    else:
-        nodes, weights = np.polynomial.legendre.leggauss(M // 2 + 1)
-        heights, weights = (1 + nodes) / 2, weights / 2
-    # The heights are a leading axis: one contraction for all.
-    batch = (-1,) + (1,) * jnp.ndim(sigma + x)
-    near, far = space.edge(heights.astype(x.dtype).reshape(batch))
     polar = _polar_forms(
         integrals, (near.delta / sigma, far.delta), (near.one_minus_delta, far.one_minus_delta * sigma)
     )
-    weights = weights.astype(x.dtype).reshape(batch)
     raw = [math.comb(M, j) * (weights * value).sum(0) for j, value in enumerate(polar)]
-    return _balanced(raw, sigma, centre, space, norm)
+    return _balanced(raw, sigma, centre, x, L, norm)
 
 
 def _polar_forms(integrals: list[Array], delta: tuple[Array, Array], complement: tuple[Array, Array]) -> list[Array]:
@@ -113,7 +133,7 @@ def _polar_forms(integrals: list[Array], delta: tuple[Array, Array], complement:
     return [form[0] for form in forms]
 
 
-def _balanced(raw: list[Array], sigma: Array, centre: int, space: LightSpace, norm: ErrorNorm) -> Moments:
+def _balanced(raw: list[Array], sigma: Array, centre: int, x: Array, L: Array, norm: ErrorNorm) -> Moments:
     M, Q, P = len(raw) - 1, norm.depth_exponent, norm.order
     first = raw[0]
     # Any scale near the balance serves, so that its own rounding does not matter.
@@ -122,14 +142,13 @@ def _balanced(raw: list[Array], sigma: Array, centre: int, space: LightSpace, no
     for j in range(1, M + 1):  # one factor at a time: inverse^M alone may overflow
         balanced[j:] = [value * inverse for value in balanced[j:]]
     # The roots of the factors, not of their product, which may lie below float32's normal numbers.
-    factors = first * power(sigma, -centre), power(1 + space.depth_range, min(1, Q)), _mass(norm.volume_exponent, space)
+    factors = first * power(sigma, -centre), power(1 + x, min(1, Q)), _mass(norm.volume_exponent, x, L)
     top, bottom, mass = (power(factor, 1 / P) for factor in factors)
     return Moments(tuple(balanced), sigma / inverse, top / bottom / mass)
 
 
-def _mass(exponent: float, space: LightSpace) -> Array:
+def _mass(exponent: float, x: Array, L: Array) -> Array:
     """integral over t in [0, 1] of (1 + x t)^-q0, the measure's mass in the units of `depth_integrals`."""
-    x, L = space.depth_range, space.log_ratio
     growth = 1 - exponent
     if not growth:
         return L / x

@@ -1,0 +1,119 @@
+"""What any set of receivers is to a warp: a few extents, a few lines, a few moments.
+
+Every kind of receivers (whole frustum, convex body, points, depth buffer) has one method, `footprint(camera, frame,
+norm)`, and everything after it sees only the result.
+"""
+
+from typing import Protocol
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ..theory.camera import Camera
+from ..theory.error_norm import ErrorNorm
+from ..theory.light_frame import LightFrame
+from ..theory.light_space import Depth
+from .whole_frustum import Moments
+
+
+class Nearest(eqx.Module):
+    """Candidates for the maximum error: each an upper bound on a group of receivers, exact where the group is one.
+
+    Invalid entries have z = inf, which no maximum attains.
+    """
+
+    depth: Depth  # the largest delta of each group
+    z: Float[Array, " N"]  # the least eye depth of each group
+
+
+class Sides(eqx.Module):
+    """Candidates for the lateral extent, groups of receivers again; empty ones have right = left = 0."""
+
+    depth: Depth  # the least delta of each group
+    right: Float[Array, " K"]  # largest x - axis, >= 0
+    left: Float[Array, " K"]  # largest axis - x, >= 0
+
+
+class Footprint(eqx.Module):
+    """Receivers, as far as a warp needs to know them.
+
+    Attributes:
+        start: least Z_w . c, in eye coordinates: where the warping frustum begins.
+        mu: its depth range; 1 where `flat`.
+        axis: X_w . c of W's axis: the eye's, or the nearest to it inside the body.
+        light_start, light_end: least and largest l . c.
+        nearest, sides: see `Nearest`, `Sides`.
+        moments: for L_P norms.
+        empty: no receivers at all.
+        flat: all receivers at one depth along Z_w, up to rounding: nothing to warp.
+    """
+
+    start: Float[Array, ""]
+    mu: Float[Array, ""]
+    axis: Float[Array, ""]
+    light_start: Float[Array, ""]
+    light_end: Float[Array, ""]
+    nearest: Nearest
+    sides: Sides
+    moments: Moments | None
+    empty: Bool[Array, ""]
+    flat: Bool[Array, ""]
+
+    def half_widths(self, eta: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """(largest (axis - x)/A, largest (x - axis)/A): what the map must span on either side of W's axis."""
+        blend = self.sides.depth.blend(eta)
+        return (self.sides.left / blend).max(), (self.sides.right / blend).max()
+
+
+class Receivers(Protocol):
+    """What must be resolved."""
+
+    def footprint(self, camera: Camera, frame: LightFrame, norm: ErrorNorm) -> Footprint: ...
+
+
+def axis_inside(least: Array, largest: Array) -> Array:
+    """X_w . c of W's axis: 0, the eye's, clamped into the body, which pseudo-convexity needs."""
+    return jnp.where(largest < 0, largest, jnp.where(least > 0, least, 0))
+
+
+def range_of(start: Array, end: Array, largest: Array) -> tuple[Array, Array]:
+    """(mu, flat): the depth range, 1 where it is within rounding of the depths themselves (`largest` in size)."""
+    flat = ~(end - start > 4 * jnp.finfo(start.dtype).eps * largest)
+    return jnp.where(flat, 1, end - start), flat
+
+
+def whole(valid: Bool[Array, " N"], values: Float[Array, " N"], least: bool) -> Float[Array, ""]:
+    """The least or largest of the valid values; 0 if there are none."""
+    edge = np.inf if least else -np.inf
+    found = jnp.where(valid, values, edge).min() if least else jnp.where(valid, values, edge).max()
+    return jnp.where(valid.any(), found, 0)
+
+
+def from_points(
+    valid: Bool[Array, " N"], points: Float[Array, "N 3"], camera: Camera, frame: LightFrame
+) -> tuple[Footprint, Depth]:
+    """The footprint of a few points, each its own group, and their depths; moments are the caller's."""
+    points = jnp.where(valid[:, None], points, 0)
+    d, x, h = frame.depth(points), frame.lateral(points), frame.along_light(points)
+    start, end = whole(valid, d, True), whole(valid, d, False)
+    mu, flat = range_of(start, end, jnp.abs(d).max())
+    axis = axis_inside(whole(valid, x, True), whole(valid, x, False))
+    depth = Depth(
+        jnp.where(valid, jnp.where(flat, 0, d - start) / mu, 0), jnp.where(valid, jnp.where(flat, 1, end - d) / mu, 1)
+    )
+    sides = (jnp.where(valid & (side > 0), side, 0) for side in (x - axis, axis - x))
+    footprint = Footprint(
+        start,
+        mu,
+        axis,
+        whole(valid, h, True),
+        whole(valid, h, False),
+        Nearest(depth, jnp.where(valid, points[:, 2], jnp.inf)),
+        Sides(depth, *sides),
+        None,
+        ~valid.any(),
+        flat,
+    )
+    return footprint, depth

@@ -1,0 +1,224 @@
+"""A camera and a directional light in world space: what an engine has at hand."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+from .._checks import checked, float_arrays
+from .frustum import ViewFrustum
+
+
+class Camera(eqx.Module):
+    """A perspective camera: where it stands, how it is turned, and its view frustum.
+
+    Eye coordinates are left-handed as in AT09: x to the right, y up, z along the view. One camera; `jax.vmap` over
+    arrays of them.
+
+    Args:
+        position: (3,) world position of the eye.
+        forward: (3,) world direction of view, of any length.
+        up: (3,) world direction that is up on the screen, not parallel to `forward`.
+        near, far: distances of the near and far planes, 0 < near < far.
+        half_fov: half the vertical field of view, in radians, in (0, pi/2).
+        aspect: width over height of the screen.
+        handedness: "right" or "left", of the world's axes (OpenGL, Vulkan and glTF: right; Direct3D: left).
+
+    Raises:
+        ValueError: for a value out of range or not finite, naming it (`equinox.error_if` when traced).
+
+    Example:
+        >>> camera = Camera((0, 2, 0), forward=(0, 0, -1), up=(0, 1, 0), near=0.1, far=100.0, half_fov=0.5)
+        >>> [round(float(v), 3) for v in camera.to_eye((1.0, 2.0, -5.0))]
+        [1.0, 0.0, 5.0]
+    """
+
+    position: Float[Array, "3"]
+    rotation: Float[Array, "3 3"]  # rows: right, up and forward in world coordinates
+    near: Float[Array, ""]
+    far: Float[Array, ""]
+    window: Float[Array, "4"]  # slopes of the side planes: left, right, bottom, top; x / z and y / z of the edges
+
+    def __init__(
+        self,
+        position: ArrayLike,
+        forward: ArrayLike,
+        up: ArrayLike,
+        near: ArrayLike,
+        far: ArrayLike,
+        half_fov: ArrayLike,
+        aspect: ArrayLike = 1.0,
+        *,
+        handedness: str = "right",
+    ):
+        position, forward, up = _vectors(position=position, forward=forward, up=up)
+        frustum = ViewFrustum(near, far, half_fov)
+        (aspect,) = float_arrays(aspect=aspect)
+        aspect = checked("aspect", aspect, lambda v: (v > 0) & (v < np.inf), "a finite number > 0")
+        top = jnp.tan(frustum.half_fov)
+        right = top * aspect
+        self._set(position, _rotation(forward, up, handedness), frustum.near, frustum.far, (-right, right, -top, top))
+
+    def _set(self, position, rotation, near, far, window):
+        dtype = jnp.result_type(position, rotation, near, far, *window)
+        self.position, self.rotation, self.near, self.far = (
+            jnp.asarray(v, dtype) for v in (position, rotation, near, far)
+        )
+        self.window = jnp.stack([jnp.asarray(v, dtype) for v in window])
+
+    @classmethod
+    def from_view_matrix(
+        cls,
+        view: ArrayLike,
+        near: ArrayLike,
+        far: ArrayLike,
+        half_fov: ArrayLike,
+        aspect: ArrayLike = 1.0,
+        *,
+        looks_along: str = "-z",
+    ) -> "Camera":
+        """The camera of a world-to-eye matrix.
+
+        Args:
+            view: (4, 4), for column vectors (transpose what is made for row vectors); rotation and translation only.
+            near, far, half_fov, aspect: as for the class.
+            looks_along: "-z" (OpenGL, Vulkan) or "+z" (Direct3D): the eye axis that points into the scene.
+
+        Raises:
+            ValueError: for a singular matrix, or one that is not rotation, reflection and translation.
+        """
+        (view,) = float_arrays(view=view)
+        if view.shape != (4, 4):
+            raise ValueError(f"view: got shape {view.shape}, expected (4, 4)")
+        if looks_along not in ("-z", "+z"):
+            raise ValueError(f"looks_along: got {looks_along!r}, expected '-z' or '+z'")
+        tolerance = 1e3 * jnp.finfo(view.dtype).eps  # engines build these in single precision, product by product
+        turn = view[:3, :3]
+
+        def rigid(matrix):
+            square = matrix[:3, :3] @ matrix[:3, :3].T
+            return (abs(square - jnp.eye(3)).max() < tolerance) & (
+                abs(matrix[3] - jnp.array([0, 0, 0, 1])).max() < tolerance
+            )
+
+        expected = "a rigid world-to-eye matrix for column vectors: orthonormal rows and (0, 0, 0, 1) last"
+        view = checked("view", view, lambda v: jnp.broadcast_to(rigid(v), v.shape), expected)
+        turn = view[:3, :3]
+        position = -turn.T @ view[:3, 3]
+        forward = turn[2] if looks_along == "+z" else -turn[2]
+        camera = cls(position, forward, turn[1], near, far, half_fov, aspect)
+        # The matrix's own right hand: a mirrored view stays mirrored.
+        rotation = jnp.stack([turn[0], camera.rotation[1], camera.rotation[2]])
+        return eqx.tree_at(lambda c: c.rotation, camera, rotation)
+
+    @classmethod
+    def off_centre(
+        cls,
+        position: ArrayLike,
+        forward: ArrayLike,
+        up: ArrayLike,
+        near: ArrayLike,
+        far: ArrayLike,
+        window: tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike],
+        *,
+        handedness: str = "right",
+    ) -> "Camera":
+        """A camera whose window (left, right, bottom, top), slopes x/z and y/z of the side planes, is not centred.
+
+        Raises:
+            ValueError: also where left >= right or bottom >= top.
+        """
+        (window,) = float_arrays(window=jnp.stack([jnp.asarray(v, float) for v in window]))
+        window = checked(
+            "window",
+            window,
+            lambda w: jnp.isfinite(w) & (w[0] < w[1]) & (w[2] < w[3]),
+            "finite slopes with left < right and bottom < top",
+        )
+        camera = cls(position, forward, up, near, far, 0.5, handedness=handedness)
+        return eqx.tree_at(lambda c: c.window, camera, window.astype(camera.window.dtype))
+
+    def to_eye(self, points: ArrayLike) -> Float[Array, "... 3"]:
+        """World points (..., 3) in eye coordinates."""
+        return (jnp.asarray(points, self.position.dtype) - self.position) @ self.rotation.T
+
+    def corner_slopes(self) -> Float[Array, "4 3"]:
+        """Eye coordinates over z of the frustum's four edges: (x/z, y/z, 1)."""
+        left, right, bottom, top = self.window
+        one = jnp.ones_like(left)
+        return jnp.stack([jnp.stack([x, y, one]) for x in (left, right) for y in (bottom, top)])
+
+    def planes(self) -> Float[Array, "6 4"]:
+        """The frustum in eye coordinates as half-spaces normal . c + offset >= 0, normals of unit length."""
+        left, right, bottom, top = self.window
+        zero, one = jnp.zeros_like(left), jnp.ones_like(left)
+        sides = [(one, zero, -left), (-one, zero, right), (zero, one, -bottom), (zero, -one, top)]
+        normals = jnp.stack([jnp.stack(v) / jnp.sqrt(1 + v[2] ** 2) for v in sides])
+        ends = jnp.stack([jnp.stack([zero, zero, one, -self.near]), jnp.stack([zero, zero, -one, self.far])])
+        return jnp.concatenate([jnp.pad(normals, ((0, 0), (0, 1))), ends])
+
+
+class DirectionalLight(eqx.Module):
+    """Light from infinitely far away.
+
+    Args:
+        direction: (3,) world direction in which the light travels, of any length but zero; from behind the camera or
+            along the view too.
+
+    Raises:
+        ValueError: for the zero vector, NaN or infinity.
+
+    Example:
+        >>> light = DirectionalLight((0, -2, 0))
+        >>> [float(v) for v in light.direction]
+        [0.0, -1.0, 0.0]
+    """
+
+    direction: Float[Array, "3"]
+
+    def __init__(self, direction: ArrayLike):
+        (direction,) = _vectors(direction=direction)
+        self.direction = normalised("direction", direction)
+
+
+def normalised(name: str, vector: Float[Array, "3"]) -> Float[Array, "3"]:
+    """The unit vector of its direction, by its largest component first, so that no square over- or underflows.
+
+    Raises:
+        ValueError: for a zero vector.
+    """
+    largest = jnp.abs(vector).max()
+    largest = checked(name, largest, lambda v: v > 0, "a vector that is not zero")
+    scaled = vector / largest
+    return scaled / jnp.sqrt((scaled * scaled).sum())
+
+
+def _vectors(**named: ArrayLike) -> list[Array]:
+    values = float_arrays(**named)
+    for name, value in zip(named, values, strict=True):
+        if value.shape != (3,):
+            raise ValueError(f"{name}: got shape {value.shape}, expected (3,); use jax.vmap for more than one")
+    return [
+        checked(name, value, lambda v: jnp.isfinite(v), "finite numbers")
+        for name, value in zip(named, values, strict=True)
+    ]
+
+
+def _rotation(forward: Array, up: Array, handedness: str) -> Array:
+    """Rows right, up, forward, orthonormal."""
+    if handedness not in ("right", "left"):
+        raise ValueError(f"handedness: got {handedness!r}, expected 'right' or 'left'")
+    side = 1 if handedness == "right" else -1
+    forward, up = normalised("forward", forward), normalised("up", up)
+    right = side * jnp.cross(forward, up)
+    size = jnp.sqrt((right * right).sum())
+    # Parallel up to rounding is no orientation at all.
+    right = checked(
+        "up",
+        right,
+        lambda _: jnp.broadcast_to(size > 8 * jnp.finfo(size.dtype).eps, (3,)),
+        "a direction that is not parallel to forward",
+    )
+    right = right / size
+    return jnp.stack([right, side * jnp.cross(right, forward), forward])

@@ -1,0 +1,95 @@
+"""The axes of the warping frustum W for any camera and any directional light."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Bool, Float
+
+from .camera import Camera, DirectionalLight
+
+# sin(theta) below which the light counts as parallel to the view: Z_w is free there, and its gradient grows as
+# 1/sin(theta). sqrt(eps): the depths' error in treating it so is below rounding in the warp's value.
+_PARALLEL = 0.5
+
+
+class LightFrame(eqx.Module):
+    """W's axes in eye coordinates (SC (3)): Z_w = normalised v - l (l.v), X_w perpendicular to it and to the light.
+
+    Where light and view are parallel (sin(theta) < eps^(1/2)) Z_w is frozen to the screen's down axis, without a
+    gradient: the limit of AT09's setting as theta goes to 0.
+
+    Attributes:
+        x_axis, z_axis, light: (3,) unit vectors in eye coordinates.
+        theta: angle between light and view, radians in [0, pi].
+        parallel: whether Z_w is frozen.
+        density_p, density_q: screen units per unit slope (x/z, y/z) along the screen images of Z_w and X_w.
+    """
+
+    x_axis: Float[Array, "3"]
+    z_axis: Float[Array, "3"]
+    light: Float[Array, "3"]
+    theta: Float[Array, ""]
+    parallel: Bool[Array, ""]
+    density_p: Float[Array, ""]
+    density_q: Float[Array, ""]
+
+    def __init__(
+        self,
+        camera: Camera,
+        light: DirectionalLight,
+        screen: tuple[int, int] | None = None,
+        shadow_map: tuple[int, int] | None = None,
+    ):
+        """Args:
+        camera, light: one of each; `jax.vmap` over more.
+        screen: (width, height) in pixels, and
+        shadow_map: texels along (t, s), across and along the warp: errors are then pixels per texel. Without them
+            the screen has square pixels and height 2, and the map is 1 by 1, the units of AT09 (13), (14).
+
+        Raises:
+            ValueError: only one of the two, or not two positive numbers.
+        """
+        across, down = _resolutions(camera, screen, shadow_map)
+        l = camera.rotation @ light.direction.astype(camera.rotation.dtype)  # noqa: E741, the paper's letter
+        # v = (0, 0, 1): v - l (l.v) = (-lx lz, -ly lz, lx^2 + ly^2), whose length is sin(theta).
+        sine_squared = l[0] ** 2 + l[1] ** 2
+        parallel = sine_squared < jnp.finfo(l.dtype).eps ** (2 * _PARALLEL)
+        sine = jnp.sqrt(jnp.where(parallel, 1, sine_squared))
+        # X_w lies in the screen plane; right where the light goes up the screen, as in AT09's figures. The side is
+        # chosen so that x keeps its sense when the light swings past the view.
+        across_screen = jnp.stack([l[1], -l[0], jnp.zeros_like(l[0])]) / sine
+        x_axis = jnp.where(parallel, jnp.array([1.0, 0.0, 0.0], l.dtype), across_screen)
+        z_axis = jnp.stack([-l[0] * l[2], -l[1] * l[2], sine_squared]) / sine
+        facing = jnp.where(l[2] < 0, -1.0, 1.0)
+        z_axis = jnp.where(parallel, jnp.array([0.0, -1.0, 0.0], l.dtype) * facing, z_axis)
+        self.x_axis, self.z_axis, self.light = x_axis, z_axis, l
+        self.theta = jnp.where(parallel, jnp.where(l[2] < 0, jnp.pi, 0.0), jnp.arctan2(sine, l[2]))
+        self.parallel = parallel
+        dx, dy = x_axis[0], x_axis[1]
+        (width, height), (t, s) = across, down
+        self.density_q = jnp.sqrt((dx * width) ** 2 + (dy * height) ** 2) / t
+        self.density_p = jnp.sqrt((dy * width) ** 2 + (dx * height) ** 2) / s
+
+    def depth(self, points: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """Z_w . c for points in eye coordinates."""
+        return points @ self.z_axis
+
+    def lateral(self, points: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """X_w . c."""
+        return points @ self.x_axis
+
+    def along_light(self, points: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """l . c, which grows away from the light."""
+        return points @ self.light
+
+
+def _resolutions(camera: Camera, screen, shadow_map) -> tuple[tuple[ArrayLike, ArrayLike], tuple[ArrayLike, ArrayLike]]:
+    """((screen units per unit slope across, and up), (texels along t, s))."""
+    left, right, bottom, top = camera.window
+    if screen is None and shadow_map is None:
+        density = 2 / (top - bottom)
+        return (density, density), (1, 1)
+    for name, value in (("screen", screen), ("shadow_map", shadow_map)):
+        if not (isinstance(value, tuple | list) and len(value) == 2 and all(v > 0 for v in value)):
+            raise ValueError(f"{name}: got {value!r}, expected two positive numbers, or neither screen nor shadow_map")
+    return (screen[0] / (right - left), screen[1] / (top - bottom)), tuple(shadow_map)
