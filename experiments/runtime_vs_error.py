@@ -4,7 +4,8 @@
 
 Every method solves the same random problems; errors are against 50-digit references on a sample of them. Writes
 `methods.csv` (one row for each method and effort), `summary.json` (the ratios, with the machine and date),
-`runtime_vs_error.png` and `runtime_vs_regret.png`. `--short` is a slice for tests: it shows that everything runs, its times mean nothing.
+`runtime_vs_error.png` and `runtime_vs_regret.png`. `--short` is a slice for tests: it shows that everything runs, its
+times mean nothing.
 """
 
 import argparse

@@ -286,7 +286,7 @@ def draw_heat_map(points: dict[str, list[tuple]], path: Path) -> None:
 def report(summary: dict) -> str:
     lines = ["# Numerical stability", "", ""]
     lines += [
-        f"{summary['draws']:,} draws for each dtype, {summary['references']:,} stratified and as many of the worst of them",
+        f"{summary['draws']:,} draws for each dtype; {summary['references']:,} stratified and as many of the worst are",
         f"compared with 50-digit references; ulp and eps are each dtype's own. {sentence(summary)}.",
         "",
     ]

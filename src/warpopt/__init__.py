@@ -10,19 +10,26 @@ __version__ = "0.1.0"
 
 _HOME = {
     "rules": "",
+    "ConvexBody": "receivers.convex_body",
+    "WholeFrustum": "receivers.view_frustum",
     "Solution": "solve.optimal_warp",
     "compare_warps": "solve.optimal_warp",
     "error_norm": "solve.optimal_warp",
     "optimal_warp": "solve.optimal_warp",
     "Outcome": "solve.outcome",
+    "SceneSolution": "solve.scene_warp",
+    "scene_warp": "solve.scene_warp",
     "aliasing_error": "theory.aliasing",
     "aliasing_error_uz": "theory.aliasing",
     "local_aliasing_error": "theory.aliasing",
     "projection_factors": "theory.aliasing",
     "screen_coordinates": "theory.aliasing",
     "texture_coordinates": "theory.aliasing",
+    "Camera": "theory.camera",
+    "DirectionalLight": "theory.camera",
     "Metric": "theory.error_norm",
     "ViewFrustum": "theory.frustum",
+    "LightFrame": "theory.light_frame",
     "LightSpace": "theory.light_space",
     "Warp": "theory.warp",
 }
@@ -31,8 +38,11 @@ __all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 
 if TYPE_CHECKING:
     from . import rules
+    from .receivers.convex_body import ConvexBody
+    from .receivers.view_frustum import WholeFrustum
     from .solve.optimal_warp import Solution, compare_warps, error_norm, optimal_warp
     from .solve.outcome import Outcome
+    from .solve.scene_warp import SceneSolution, scene_warp
     from .theory.aliasing import (
         aliasing_error,
         aliasing_error_uz,
@@ -41,8 +51,10 @@ if TYPE_CHECKING:
         screen_coordinates,
         texture_coordinates,
     )
+    from .theory.camera import Camera, DirectionalLight
     from .theory.error_norm import Metric
     from .theory.frustum import ViewFrustum
+    from .theory.light_frame import LightFrame
     from .theory.light_space import LightSpace
     from .theory.warp import Warp
 

@@ -45,7 +45,8 @@ class Footprint(eqx.Module):
         axis: X_w . c of W's axis: the eye's, or the nearest to it inside the body.
         light_start, light_end: least and largest l . c.
         nearest, sides: see `Nearest`, `Sides`.
-        moments: for L_P norms.
+        moments: for L_P norms, and
+        unit: the length that is 1 in them.
         empty: no receivers at all.
         flat: all receivers at one depth along Z_w, up to rounding: nothing to warp.
     """
@@ -58,6 +59,7 @@ class Footprint(eqx.Module):
     nearest: Nearest
     sides: Sides
     moments: Moments | None
+    unit: Float[Array, ""]
     empty: Bool[Array, ""]
     flat: Bool[Array, ""]
 
@@ -113,6 +115,7 @@ def from_points(
         Nearest(depth, jnp.where(valid, points[:, 2], jnp.inf)),
         Sides(depth, *sides),
         None,
+        camera.near,
         ~valid.any(),
         flat,
     )

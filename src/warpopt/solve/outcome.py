@@ -13,9 +13,12 @@ class Outcome(enum.IntEnum):
     tie = 1
     kink = 2
     no_warp = 3
-    not_converged = 4
-    inaccurate = 5
-    not_finite = 6
+    flat = 4
+    unbounded = 5
+    empty = 6
+    not_converged = 7
+    inaccurate = 8
+    not_finite = 9
 
     @property
     def sentence(self) -> str:
@@ -23,7 +26,7 @@ class Outcome(enum.IntEnum):
 
     @property
     def succeeded(self) -> bool:
-        return self <= Outcome.no_warp
+        return self <= Outcome.empty
 
 
 _SENTENCES = {
@@ -31,6 +34,9 @@ _SENTENCES = {
     Outcome.tie: "The errors of the nearest and of the farthest receivers are equal at the optimum.",
     Outcome.kink: "At the optimum the near and the far corners of the frustum span the shadow map together.",
     Outcome.no_warp: "No warp (eta = 1) is optimal.",
+    Outcome.flat: "All receivers lie at one depth along the warp's axis: there is nothing to warp.",
+    Outcome.unbounded: "The norm falls as eta goes to 0: eta is the floor that was asked for (min_eta).",
+    Outcome.empty: "There are no receivers: nothing needs a shadow map.",
     Outcome.not_converged: "The root finder ran out of steps before its bracket closed.",
     Outcome.inaccurate: "The quadrature's own error estimate exceeds its tolerance; the optimum is not certified.",
     Outcome.not_finite: "The norm is not a finite number: far/near beyond 7.9e13, or NaN input.",
@@ -38,4 +44,4 @@ _SENTENCES = {
 
 
 def failed(result: Int[Array, "..."]) -> Bool[Array, "..."]:
-    return jnp.asarray(result) > Outcome.no_warp
+    return jnp.asarray(result) > Outcome.empty

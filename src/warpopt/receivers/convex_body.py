@@ -1,0 +1,218 @@
+"""A convex body as receivers: what of a scene's bounding box, or of any convex polytope, lies in the view frustum."""
+
+import functools
+import itertools
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Bool, Float
+
+from .._checks import checked, float_arrays
+from ..theory.camera import Camera
+from ..theory.error_norm import ErrorNorm, Measure
+from ..theory.light_frame import LightFrame
+from .footprint import Footprint, from_points
+from .whole_frustum import Moments, unit_nodes
+
+_DEPTH_NODES = 24  # in log z on each piece: to 1e-14 for z ratios up to 1e4, 40 would serve 1e12
+_MEASURE_EXPONENT = {"volume": 0, "screen": 2, "log_depth": 3, "ground": 4}
+
+
+class ConvexBody(eqx.Module):
+    """The intersection body B of SC sec. 4.1: the view frustum clipped by half-spaces, such as a scene's box.
+
+    The camera may be inside, outside or partly inside; a body behind it, or empty, or thinner than rounding, is none of
+    an error. L-inf norms use B's vertices. L_P norms integrate over B, slice by slice in log z between the depths of
+    its vertices, each slice a polygon integrated exactly.
+
+    Args:
+        planes: (K, 4) world half-spaces normal . p + offset >= 0; normals of any length but zero.
+        measure: "volume", "screen", "log_depth" or "ground".
+
+    Raises:
+        ValueError: for a wrong shape, a zero normal or values that are not finite.
+
+    Example:
+        >>> import warpopt
+        >>> body = warpopt.ConvexBody.box((-10, 0, -60), (10, 5, -20))
+        >>> camera = warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=1000.0, half_fov=0.4)
+        >>> solution = warpopt.scene_warp(camera, warpopt.DirectionalLight((0.3, -1, -0.2)), body)
+        >>> round(float(solution.warp.mu), 3)
+        41.294
+    """
+
+    planes: Float[Array, "K 4"]
+    measure: Measure = eqx.field(static=True, default="screen")
+
+    def __init__(self, planes: ArrayLike, measure: Measure = "screen"):
+        (planes,) = float_arrays(planes=planes)
+        if planes.ndim != 2 or planes.shape[1] != 4:
+            raise ValueError(f"planes: got shape {planes.shape}, expected (K, 4)")
+        if measure not in _MEASURE_EXPONENT:
+            raise ValueError(f"measure: got {measure!r}, expected one of {', '.join(map(repr, _MEASURE_EXPONENT))}")
+        planes = checked("planes", planes, lambda p: jnp.isfinite(p), "finite numbers")
+        lengths = jnp.sqrt((planes[:, :3] ** 2).sum(1))
+        lengths = checked("planes", lengths, lambda v: v > 0, "normals that are not zero")
+        self.planes = planes / lengths[:, None]
+        self.measure = measure
+
+    @classmethod
+    def box(cls, lower: ArrayLike, upper: ArrayLike, measure: Measure = "screen") -> "ConvexBody":
+        """The axis-parallel box between two world points (3,).
+
+        Raises:
+            ValueError: also where lower > upper.
+        """
+        lower, upper = float_arrays(lower=lower, upper=upper)
+        for name, value in (("lower", lower), ("upper", upper)):
+            if value.shape != (3,):
+                raise ValueError(f"{name}: got shape {value.shape}, expected (3,)")
+        upper = checked("upper", upper, lambda v: v >= lower, "at least the lower corner")
+        eye = jnp.eye(3, dtype=lower.dtype)
+        return cls(jnp.concatenate([jnp.c_[eye, -lower], jnp.c_[-eye, upper]]), measure)
+
+    def footprint(self, camera: Camera, frame: LightFrame, norm: ErrorNorm) -> Footprint:
+        """See `Receivers`."""
+        planes = self._with_frustum(camera)
+        vertices, valid = _vertices(planes)
+        footprint, _ = from_points(valid, vertices, camera, frame)
+        if norm.supremum:
+            return footprint
+        moments, unit = _moments(planes, vertices, valid, frame, footprint, norm, _MEASURE_EXPONENT[self.measure])
+        return eqx.tree_at(lambda f: (f.moments, f.unit), footprint, (moments, unit), is_leaf=lambda v: v is None)
+
+    def vertices(self, camera: Camera) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
+        """(eye coordinates, which are vertices of B) of its vertices, each some times over."""
+        return _vertices(self._with_frustum(camera))
+
+    def _with_frustum(self, camera: Camera) -> Array:
+        """All half-spaces in eye coordinates."""
+        planes = self.planes.astype(camera.position.dtype)
+        normals = planes[:, :3] @ camera.rotation.T
+        offsets = planes[:, 3] + planes[:, :3] @ camera.position
+        return jnp.concatenate([camera.planes(), jnp.c_[normals, offsets]])
+
+
+def _vertices(planes: Array) -> tuple[Array, Array]:
+    """Every edge of a polytope is a line of two planes, clipped by all others: the ends of these are its vertices.
+
+    Points within rounding of the body count as its own, so that a body without thickness keeps its vertices.
+    """
+    normals, offsets = planes[:, :3], planes[:, 3]
+    eps = jnp.finfo(planes.dtype).eps
+    first, second = np.array(list(itertools.combinations(range(len(planes)), 2))).T
+    p, q = normals[first], normals[second]
+    direction = jnp.cross(p, q)
+    square = (direction * direction).sum(-1)
+    crossing = square > 1e4 * eps  # parallel planes have no edge, or one of no consequence
+    square = jnp.where(crossing, square, 1)
+    # The line's point nearest to the eye, and its unit direction.
+    h, g = -offsets[first][:, None], -offsets[second][:, None]
+    base = (h * jnp.cross(q, direction) + g * jnp.cross(direction, p)) / square[:, None]
+    direction = direction / jnp.sqrt(square)[:, None]
+    towards = direction @ normals.T
+    inside = base @ normals.T + offsets
+    others = (np.arange(len(planes)) != first[:, None]) & (np.arange(len(planes)) != second[:, None])
+    slanted = others & (jnp.abs(towards) > 64 * eps)
+    at = -inside / jnp.where(slanted, towards, 1)
+    start = jnp.where(slanted & (towards > 0), at, -jnp.inf).max(1)
+    end = jnp.where(slanted & (towards < 0), at, jnp.inf).min(1)
+    bounded = jnp.isfinite(start) & jnp.isfinite(end)
+    start, end = (jnp.where(bounded, v, 0) for v in (start, end))
+    reach = jnp.sqrt((base * base).sum(-1) + jnp.maximum(start * start, end * end))
+    tolerance = 64 * eps * reach
+    beside = (others & ~slanted & (inside < -tolerance[:, None])).any(1)
+    valid = crossing & bounded & ~beside & (start <= end + tolerance)
+    ends = base + start[:, None] * direction, base + end[:, None] * direction
+    return jnp.concatenate(ends), jnp.concatenate([valid, valid])
+
+
+def _moments(planes, vertices, valid, frame, footprint: Footprint, norm: ErrorNorm, exponent: int):
+    """(moments, unit) over the body, every term positive."""
+    eps = jnp.finfo(planes.dtype).eps
+    # A body thinner than sqrt(eps) of its size has no volume to speak of: it is thickened to that, which moves the
+    # optimum by no more than rounding does elsewhere.
+    present = valid[:, None]
+    extent = (jnp.where(present, vertices, -jnp.inf).max(0) - jnp.where(present, vertices, jnp.inf).min(0)).max()
+    size = jnp.maximum(extent, eps**0.5 * jnp.abs(jnp.where(present, vertices, 0)).max())
+    size = jax.lax.stop_gradient(jnp.where(jnp.isfinite(size) & (size > 0), size, 1))
+    thickness = jnp.where(valid[:, None], vertices @ planes[:, :3].T + planes[:, 3], -jnp.inf).max(0)
+    short = jax.lax.stop_gradient(eps**0.5 * size - thickness)
+    thick = planes.at[:, 3].add(jnp.where(valid.any() & (short > 0), short, 0))
+    vertices, valid = _vertices(thick)
+    z = jnp.where(valid, vertices[:, 2], jnp.nan)
+    first = jnp.where(valid.any(), jnp.nanmin(jnp.where(valid, z, jnp.inf)), 1)
+    last = jnp.where(valid.any(), jnp.nanmax(jnp.where(valid, z, -jnp.inf)), 2)
+    # Between the depths of neighbouring vertices a slice's moments are polynomials in z. A polytope of F faces has at
+    # most 2 F - 4 vertices; the longest gaps are all of them, the rest is rounding between equals.
+    depths = jnp.sort(jnp.where(valid, vertices[:, 2], last))
+    logs = jnp.log(depths / first)
+    gaps, where = jax.lax.top_k(jnp.diff(logs), min(2 * len(planes), len(logs) - 1))
+    t, w = unit_nodes(_DEPTH_NODES)
+    log_z = (logs[where][:, None] + gaps[:, None] * t).ravel()
+    weight_z = (gaps[:, None] * w).ravel()
+    delta, rest, area = jax.vmap(functools.partial(_slice, thick, frame, footprint, first, round(norm.blend_degree)))(
+        log_z
+    )
+    growth = 3 - exponent
+    area = area * (weight_z * jnp.exp(growth * log_z))[:, None]
+    weighted = area * jnp.exp(-norm.metric.depth_power * norm.order * log_z)[:, None]
+    M = round(norm.blend_degree)
+    raw = [math.comb(M, j) * (weighted * rest ** (M - j) * delta**j).sum() for j in range(M + 1)]
+    return from_raw(raw, area.sum(), norm), first
+
+
+def from_raw(raw: list[Array], mass: Array, norm: ErrorNorm) -> Moments:
+    """Moments from B_j and the measure's mass; all ones where there is nothing."""
+    largest = jax.lax.stop_gradient(functools.reduce(jnp.maximum, raw))
+    there = (largest > 0) & jnp.isfinite(largest) & (mass > 0)
+    largest, mass = jnp.where(there, largest, 1), jnp.where(there, mass, 1)
+    coefficients = tuple(jnp.where(there, b / largest, 1) for b in raw)
+    return Moments(coefficients, jnp.ones_like(mass), (largest / mass) ** (1 / norm.order))
+
+
+def _slice(planes, frame: LightFrame, footprint: Footprint, unit: Array, degree: int, log_z: Array):
+    """(delta, 1 - delta, area weights) at the nodes of one slice, a polygon in the plane of slopes (x/z, y/z).
+
+    Each edge is a plane's line clipped by the others, and a triangle with a point inside: nothing needs an order.
+    """
+    z = unit * jnp.exp(log_z)
+    eps = jnp.finfo(z.dtype).eps
+    normals, offsets = planes[:, :2], planes[:, 2] + planes[:, 3] / z
+    square = (normals * normals).sum(1)
+    edge = square > 64 * eps
+    square = jnp.where(edge, square, 1)
+    base = -normals * (offsets / square)[:, None]
+    direction = jnp.stack([-normals[:, 1], normals[:, 0]], 1) / jnp.sqrt(square)[:, None]
+    towards, inside = direction @ normals.T, base @ normals.T + offsets
+    tolerance = 64 * eps * (1 + jnp.abs(offsets)[None, :] + jnp.abs(base).sum(1)[:, None])
+    count = len(planes)
+    others = ~np.eye(count, dtype=bool)
+    slanted = others & (jnp.abs(towards) > 64 * eps)
+    at = -inside / jnp.where(slanted, towards, 1)
+    start = jnp.where(slanted & (towards > 0), at, -jnp.inf).max(1)
+    end = jnp.where(slanted & (towards < 0), at, jnp.inf).min(1)
+    start, end = (jnp.where(jnp.isfinite(v), v, 0) for v in (start, end))
+    beside = (others & ~slanted & (inside < -tolerance)).any(1)
+    # Of two planes with one line the first counts.
+    earlier = np.tril(np.ones((count, count), bool), -1)
+    twice = (earlier & ~slanted & edge[None, :] & (jnp.abs(inside) <= tolerance)).any(1)
+    usable = edge & ~beside & ~twice & (end > start)
+    p, q = base + start[:, None] * direction, base + end[:, None] * direction
+    share = jnp.where(usable, 1, 0)[:, None]
+    centre = (share * (p + q)).sum(0) / jnp.maximum(2 * share.sum(), 1)
+    area = jnp.where(usable, jnp.abs(jnp.cross(p - centre, q - centre)) / 2, 0)
+    # Collapsed Gauss nodes on each triangle: r from the centre (weight r), v along the edge.
+    (r, a), (v, b) = unit_nodes((degree + 1) // 2 + 1), unit_nodes(degree // 2 + 1)
+    along = p[:, None, :] * (1 - v)[:, None] + q[:, None, :] * v[:, None]
+    points = centre + r[:, None, None] * (along[:, None] - centre)
+    weights = (2 * area)[:, None, None] * (a * r)[:, None] * b
+    points = jnp.concatenate([points, jnp.ones_like(points[..., :1])], -1) * z
+    depth = frame.depth(points)
+    mu = footprint.mu
+    delta, rest = (depth - footprint.start) / mu, (footprint.start + mu - depth) / mu
+    return tuple(jnp.clip(value, 0, 1).ravel() for value in (delta, rest)) + (weights.ravel(),)

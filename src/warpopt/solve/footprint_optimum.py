@@ -1,0 +1,232 @@
+"""The optimal warp over any receivers, from their footprint.
+
+Up to a constant, the logarithm of the norm in u = log(eta) is
+
+    f(u) = top(u) - alpha u + beta log(width(u))
+
+where top is the largest k log A - r log z among a few receivers (L-inf), or a polynomial's root (L_P). It is
+pseudo-convex: the sign of its slope changes once. So the root finder needs the sign alone; what holds at the root (a
+stationary point, a tie of two receivers, a kink of the width) is then found by looking just below and just above, and
+that equation gives the last digits and the derivatives.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Float, Int
+
+from .._numerics import horner
+from ..receivers.footprint import Footprint
+from ..receivers.whole_frustum import Moments
+from ..theory.error_norm import ErrorNorm
+from ..theory.light_space import Depth
+from .bracketed_newton import BracketedNewton
+from .outcome import Outcome
+
+
+class Term(eqx.Module):
+    """One metric's share in a maximum of metrics: log of its factor, and its exponents."""
+
+    log_factor: Float[Array, ""]
+    alpha: float = eqx.field(static=True)
+    beta: float = eqx.field(static=True)
+
+
+class Active(NamedTuple):
+    """Which candidates rule at some eta: metric, receiver, and the receivers at the right and left edge."""
+
+    term: Int[Array, ""]
+    receiver: Int[Array, ""]
+    right: Int[Array, ""]
+    left: Int[Array, ""]
+
+
+class LogNorm(eqx.Module):
+    """log of the norm as a function of u = log(eta), for one footprint; the maximum over `terms`."""
+
+    footprint: Footprint
+    terms: tuple[Term, ...]
+    norm: ErrorNorm | None = eqx.field(static=True)  # the L_P norm; None for L-inf
+
+    def active(self, u: Float[Array, ""]) -> Active:
+        """What rules at u."""
+        eta = jnp.exp(u)
+        blend = self.footprint.sides.depth.blend(eta)
+        right, left = (jnp.argmax(side / blend) for side in (self.footprint.sides.right, self.footprint.sides.left))
+        if self.norm is not None:
+            return Active(jnp.zeros((), int), jnp.zeros((), int), right, left)
+        receivers = [self._receivers(term, eta) for term in self.terms]
+        best = [jnp.argmax(values) for values in receivers]
+        totals = [
+            values[i] + self._scale(term, u, right, left)
+            for values, i, term in zip(receivers, best, self.terms, strict=True)
+        ]
+        ruling = jnp.argmax(jnp.stack(totals))
+        return Active(ruling, jnp.stack(best)[ruling], right, left)
+
+    def value(self, u: Float[Array, ""], active: Active) -> Float[Array, ""]:
+        """The logarithm on the smooth piece on which `active` rules."""
+        if self.norm is not None:
+            (term,) = self.terms
+            mean = jnp.log(self.footprint.moments.power_mean(jnp.exp(u), self.norm))
+            return mean + self._scale(term, u, active.right, active.left)
+        pieces = [
+            self._receivers(term, jnp.exp(u))[active.receiver] + self._scale(term, u, active.right, active.left)
+            for term in self.terms
+        ]
+        return jnp.stack(pieces)[active.term]
+
+    def slope(self, u: Float[Array, ""], active: Active) -> Float[Array, ""]:
+        """d value / du on that piece, from weights in [0, 1]: nothing but the answer itself cancels."""
+        eta = jnp.exp(u)
+        term = self.terms[0]
+        alpha, beta = (
+            (term.alpha, term.beta)
+            if len(self.terms) == 1
+            else (jnp.array([getattr(t, name) for t in self.terms])[active.term] for name in ("alpha", "beta"))
+        )
+        if self.norm is not None:
+            top = _polynomial_slope(self.footprint.moments, eta) / self.norm.order
+        else:
+            top = (2 * alpha + beta) * _eta_share(self.footprint.nearest.depth, active.receiver, eta)
+        if not any(t.beta for t in self.terms):
+            return top - alpha
+        sides = self.footprint.sides
+        blend = sides.depth.blend(eta)
+        spans = sides.right[active.right] / blend[active.right], sides.left[active.left] / blend[active.left]
+        shares = (_eta_share(sides.depth, i, eta) for i in (active.right, active.left))
+        width = spans[0] + spans[1]
+        # A body of no width has no lateral error to mend: its width changes with nothing.
+        falling = sum(span * share for span, share in zip(spans, shares, strict=True))
+        return top - alpha - beta * jnp.where(width > 0, falling / jnp.where(width > 0, width, 1), 0)
+
+    def _receivers(self, term: Term, eta: Array) -> Array:
+        nearest = self.footprint.nearest
+        k, r = 2 * term.alpha + term.beta, term.alpha + term.beta
+        present = jnp.isfinite(nearest.z)
+        blend = jnp.where(present, nearest.depth.blend(eta), 1)
+        return jnp.where(present, k * jnp.log(blend) - r * jnp.log(jnp.where(present, nearest.z, 1)), -jnp.inf)
+
+    def _scale(self, term: Term, u: Array, right: Array, left: Array) -> Array:
+        total = term.log_factor - term.alpha * u
+        if not term.beta:
+            return total
+        sides = self.footprint.sides
+        blend = sides.depth.blend(jnp.exp(u))
+        width = sides.right[right] / blend[right] + sides.left[left] / blend[left]
+        return total + term.beta * jnp.where(width > 0, jnp.log(jnp.where(width > 0, width, 1)), -jnp.inf)
+
+
+def _eta_share(depth: Depth, i: Array, eta: Array) -> Array:
+    """d log A / d log eta of one entry: the eta part of A over A."""
+    part = depth.one_minus_delta[i] * eta
+    return part / (part + depth.delta[i])
+
+
+def _polynomial_slope(moments: Moments, eta: Array) -> Array:
+    """d log(sum of B_j eta^(M-j)) / d log eta: the mean power, in the variable whose powers cannot overflow."""
+    B, M = moments.coefficients, len(moments.coefficients) - 1
+    ratio = eta / moments.scale
+    flip = ratio > 1
+    up, down = jnp.where(flip, 1, ratio), jnp.where(flip, 1 / jnp.where(flip, ratio, 1), 1)
+    powers = [M - j for j in range(M + 1)]
+    rising = horner([p * b for p, b in zip(powers, B, strict=True)], up) / horner(B, up)
+    falling = horner([p * b for p, b in zip(powers, B, strict=True)][::-1], down) / horner(B[::-1], down)
+    return jnp.where(flip, falling, rising)
+
+
+class FootprintOptimum(NamedTuple):
+    """eta, its outcome, the residual of the equation that fixed it, and the margin by which a warp helps at eta = 1."""
+
+    log_eta: Float[Array, ""]
+    outcome: Int[Array, ""]
+    residual: Float[Array, ""]
+    margin: Float[Array, ""]
+
+
+def minimise(log_norm: LogNorm, min_eta: float) -> FootprintOptimum:
+    """The global minimiser, the largest where minima are flat.
+
+    The margin is d log(norm) / d log(eta) just below eta = 1, alpha (1 - 2 dbar) + beta (delta_w - dbar): a warp helps
+    iff it is positive, which is decided before anything is iterated.
+    """
+    fixed = jax.lax.stop_gradient(log_norm)
+    dtype = fixed.footprint.mu.dtype
+    eps = float(jnp.finfo(dtype).eps)
+    unbounded_below = all(term.alpha == 0 for term in fixed.terms)
+    # E_p alone grows as eta falls, so that its optimum has no floor but the dtype's.
+    floor = jnp.asarray(min_eta if unbounded_below else eps**2, dtype)
+    lower, upper = jnp.log(floor), jnp.asarray(-4 * eps**0.5, dtype)
+
+    def rise(u, _):
+        return fixed.slope(u, fixed.active(u)), None
+
+    # Slopes are sums of a few terms of order one: below this they are rounding, and the minimum is flat.
+    noise = 16 * eps
+    margin, at_floor = rise(upper, None)[0], rise(lower, None)[0]
+    helps = (margin > noise) & ~fixed.footprint.flat & ~fixed.footprint.empty
+    inside = helps & (at_floor < 0)
+    middle = (lower + upper) / 2
+    root = optx.root_find(
+        lambda u, _: (jnp.where(inside, rise(u, None)[0] - noise, u - middle), None),
+        BracketedNewton(rtol=0.5 * eps**0.5, atol=0.0),
+        middle,
+        options={"lower": lower, "upper": upper},
+        has_aux=True,
+        max_steps=256,
+        throw=False,
+    )
+    u, outcome, residual = _settled(log_norm, root.value, eps)
+    outcome = jnp.where(root.stats["converged"], outcome, Outcome.not_converged)
+    u = jnp.where(inside, u, jnp.where(helps, lower, 0))
+    outcome = jnp.where(inside, outcome, jnp.where(helps, Outcome.unbounded, Outcome.no_warp))
+    outcome = jnp.where(fixed.footprint.flat, Outcome.flat, outcome)
+    outcome = jnp.where(fixed.footprint.empty, Outcome.empty, outcome).astype(jnp.int32)
+    return FootprintOptimum(u, outcome, jnp.where(inside, residual, 0), margin)
+
+
+def _settled(log_norm: LogNorm, found: Array, eps: float) -> tuple[Array, Array, Array]:
+    """(u, outcome, residual): one Newton step on the equation that holds at the root, which carries the derivatives.
+
+    The root finder's u is off by at most about sqrt(eps); what rules on either side of that decides the equation.
+    """
+    fixed = jax.lax.stop_gradient(log_norm)
+    reach = 4 * eps**0.5
+    below, above = fixed.active(found - reach), fixed.active(found + reach)
+    same_top = (below.term == above.term) & (below.receiver == above.receiver)
+    same_sides = (below.right == above.right) & (below.left == above.left)
+
+    def step(gap, slope, usable):
+        """-gap/slope with gap's derivative in the inputs, 0 where not usable."""
+        slope = jnp.where(usable, jax.lax.stop_gradient(slope), 1)
+        return jnp.where(usable, -gap / slope, 0)
+
+    # Where two pieces meet: the crossing of their values, if the minimum is there (a falling and a rising piece).
+    crossing = found + step(
+        log_norm.value(found, below) - log_norm.value(found, above),
+        fixed.slope(found, below) - fixed.slope(found, above),
+        fixed.slope(found, below) != fixed.slope(found, above),
+    )
+    at = jax.lax.stop_gradient(crossing)
+    met = ~(same_top & same_sides) & (jnp.abs(at - found) <= 2 * reach)
+    met = met & (fixed.slope(at, below) <= 0) & (fixed.slope(at, above) >= 0)
+    # Where one piece is stationary.
+    active = fixed.active(found)
+    curvature = jax.jvp(lambda v: fixed.slope(v, active), (found,), (jnp.ones_like(found),))[1]
+    stationary = found + step(log_norm.slope(found, active), curvature, curvature > eps**0.5)
+    at = jax.lax.stop_gradient(stationary)
+    stationary = jnp.where(jnp.abs(at - found) <= reach, stationary, found)
+    u = jnp.where(met, crossing, stationary)
+    at = jax.lax.stop_gradient(u)
+    gap = jnp.where(met, fixed.value(at, below) - fixed.value(at, above), fixed.slope(at, active))
+    outcome = jnp.where(met, jnp.where(same_top, Outcome.kink, Outcome.tie), Outcome.stationary)
+    return u, outcome, jnp.abs(gap)
+
+
+def value_at(log_norm: LogNorm, u: Float[Array, ""]) -> Float[Array, ""]:
+    """The norm at u, differentiable in the footprint and in u."""
+    return jnp.exp(log_norm.value(u, jax.lax.stop_gradient(log_norm.active(u))))
+

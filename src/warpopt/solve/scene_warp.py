@@ -1,0 +1,137 @@
+"""The optimal warp for a camera, a light and what the camera sees."""
+
+import functools
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ..receivers.footprint import Footprint, Receivers
+from ..receivers.view_frustum import WholeFrustum
+from ..theory.camera import Camera, DirectionalLight
+from ..theory.error_norm import ErrorNorm, Metric
+from ..theory.light_frame import LightFrame
+from ..theory.warp import Warp
+from .footprint_optimum import LogNorm, Term, minimise, value_at
+from .outcome import Outcome
+
+
+class SceneSolution(eqx.Module):
+    """An optimal warp for a scene, and what is needed to render with it.
+
+    Attributes:
+        warp: the optimal `Warp`; its lam and mu are lengths along W's axis, over the receivers.
+        value: the minimal norm, in the units of `LightFrame`'s densities; 0 for no receivers.
+        result: an `Outcome`.
+        residual: as `Solution.residual`.
+        margin: d log(norm) / d log(eta) just below eta = 1. A warp helps iff it is positive: by how much no warp is, or
+            is not, the best.
+        unwarped: the norm without a warp.
+        frame: W's axes.
+        footprint: the receivers' extents.
+    """
+
+    warp: Warp
+    value: Float[Array, ""]
+    result: Int[Array, ""]
+    residual: Float[Array, ""]
+    margin: Float[Array, ""]
+    unwarped: Float[Array, ""]
+    frame: LightFrame
+    footprint: Footprint
+
+
+def scene_warp(
+    camera: Camera,
+    light: DirectionalLight,
+    receivers: Receivers | None = None,
+    metric: str | Metric = "p",
+    norm: str | float = "inf",
+    *,
+    screen: tuple[int, int] | None = None,
+    shadow_map: tuple[int, int] | None = None,
+    min_eta: float = 1e-4,
+    throw: bool = True,
+) -> SceneSolution:
+    """The warp that minimises the norm of an aliasing error over the receivers; the global minimum.
+
+    One camera and one light of any direction; `jax.vmap` over more (with `throw=False`).
+
+    Args:
+        camera, light: in world space.
+        receivers: `WholeFrustum(measure)` (the default), `ConvexBody`, `PointReceivers`, `DepthBuffer` or
+            `DepthHistogram`.
+        metric: "p", "q", "pxq", `Metric(alpha, beta)`, or "max", the larger of E_p and E_q (L-inf only).
+        norm: "inf", "l1", "l2" or an order that makes (2 alpha + beta) order an integer.
+        screen, shadow_map: resolutions, see `LightFrame`. They scale errors, and weigh E_p against E_q in "max".
+        min_eta: the smallest eta, for metrics without E_p, whose infimum may be at eta = 0 (`Outcome.unbounded`).
+        throw: raise if the solve failed.
+
+    Raises:
+        ValueError: bad arguments.
+        RuntimeError: a failed solve, with `throw` (`equinox.EquinoxRuntimeError` when traced).
+
+    No receivers, receivers at one depth, or a light along the view are outcomes and no errors. First derivatives in
+    camera, light and receivers are those of the equation that fixed eta.
+
+    Example:
+        >>> import warpopt
+        >>> camera = warpopt.Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=0.5236)
+        >>> solution = warpopt.scene_warp(camera, warpopt.DirectionalLight((0, -1, 0)))
+        >>> round(float(solution.warp.lam), 3)   # n + sqrt(f n), LiSPSM's, with the light from above
+        11.0
+    """
+    receivers = WholeFrustum() if receivers is None else receivers
+    if not 0 < min_eta < 1:
+        raise ValueError(f"min_eta: got {min_eta!r}, expected a number in (0, 1)")
+    measure = getattr(receivers, "measure", "screen")
+    metrics = (Metric(1.0, 0.0), Metric(0.0, 1.0)) if metric == "max" else (Metric.of(metric),)
+    norms = tuple(ErrorNorm.of(one, norm, measure) for one in metrics)
+    if metric == "max" and not norms[0].supremum:
+        raise ValueError(f"norm: got {norm!r}, expected 'inf' with metric 'max'")
+    degree = norms[0].blend_degree
+    if not (math.isinf(degree) or degree == round(degree)):
+        raise ValueError(f"norm: got order {norms[0].order:g}, expected one with (2 alpha + beta) order an integer")
+    resolutions = tuple(None if r is None else tuple(r) for r in (screen, shadow_map))
+    solution = _solve(camera, light, receivers, norms, *resolutions, float(min_eta))
+    return _raised(solution) if throw else solution
+
+
+@functools.partial(jax.jit, static_argnames=("norms", "screen", "shadow_map", "min_eta"))
+def _solve(camera, light, receivers, norms, screen, shadow_map, min_eta) -> SceneSolution:
+    frame = LightFrame(camera, light, screen, shadow_map)
+    footprint = receivers.footprint(camera, frame, norms[0])
+    log_norm = LogNorm(footprint, tuple(_term(footprint, frame, norm) for norm in norms), _power_mean(norms[0]))
+    optimum = minimise(log_norm, min_eta)
+    value, unwarped = value_at(log_norm, optimum.log_eta), value_at(log_norm, jnp.zeros_like(optimum.log_eta))
+    value, unwarped = (jnp.where(footprint.empty, 0, v) for v in (value, unwarped))
+    finite = jnp.isfinite(value) & jnp.isfinite(optimum.log_eta)
+    outcome = jnp.where(finite, optimum.outcome, Outcome.not_finite)
+    log_eta = jnp.where(finite, optimum.log_eta, jnp.nan)
+    warp = Warp(jnp.exp(log_eta), -jnp.expm1(log_eta), footprint.mu, jnp.ones((), bool))
+    return SceneSolution(warp, value, outcome, optimum.residual, optimum.margin, unwarped, frame, footprint)
+
+
+def _power_mean(norm: ErrorNorm) -> ErrorNorm | None:
+    return None if norm.supremum else norm
+
+
+def _term(footprint: Footprint, frame: LightFrame, norm: ErrorNorm) -> Term:
+    """E_p = density_p mu A^2 / (z eta) and E_q = density_q width A / z: the factors that eta does not change."""
+    alpha, beta = norm.metric.alpha, norm.metric.beta
+    factor = alpha * jnp.log(footprint.mu * frame.density_p) + beta * jnp.log(frame.density_q)
+    if not norm.supremum:
+        factor = factor - norm.metric.depth_power * jnp.log(footprint.unit)
+    return Term(factor, alpha, beta)
+
+
+def _raised(solution: SceneSolution) -> SceneSolution:
+    bad = solution.result > Outcome.empty
+    words = "scene_warp failed; pass throw=False to get the outcome as SceneSolution.result"
+    if isinstance(bad, jax.core.Tracer):
+        return eqx.error_if(solution, bad, words)
+    if bad.any():
+        raise RuntimeError(f"{Outcome(int(solution.result[bad].ravel()[0])).sentence} ({words})")
+    return solution
