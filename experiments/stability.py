@@ -218,6 +218,7 @@ def run_dtype(dtype, arguments, pool: Executor) -> tuple[dict, list[dict], list[
         found, indicator = check_invariants(d, combination)
         metric, order, measure = combination
         frustum = frustum_of(d)
+        jax.clear_caches()  # each compiled program holds memory maps, of which Linux allows a process 65,530
         solution = warpopt.optimal_warp(frustum, d["theta"], metric, order, measure, throw=False)
         solution, at_eta = jax.tree.map(np.asarray, solution), norm_of(d, combination)
         order_of_doubt = np.argsort(-indicator)

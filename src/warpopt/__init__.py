@@ -11,7 +11,13 @@ __version__ = "0.1.0"
 _HOME = {
     "rules": "",
     "ConvexBody": "receivers.convex_body",
+    "DepthBuffer": "receivers.depth_buffer",
+    "DepthHistogram": "receivers.depth_histogram",
+    "PointReceivers": "receivers.points",
     "WholeFrustum": "receivers.view_frustum",
+    "ClipSpace": "render.shadow_matrix",
+    "shadow_matrix": "render.shadow_matrix",
+    "texel_snap": "render.shadow_matrix",
     "Solution": "solve.optimal_warp",
     "compare_warps": "solve.optimal_warp",
     "error_norm": "solve.optimal_warp",
@@ -39,7 +45,11 @@ __all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 if TYPE_CHECKING:
     from . import rules
     from .receivers.convex_body import ConvexBody
+    from .receivers.depth_buffer import DepthBuffer
+    from .receivers.depth_histogram import DepthHistogram
+    from .receivers.points import PointReceivers
     from .receivers.view_frustum import WholeFrustum
+    from .render.shadow_matrix import ClipSpace, shadow_matrix, texel_snap
     from .solve.optimal_warp import Solution, compare_warps, error_norm, optimal_warp
     from .solve.outcome import Outcome
     from .solve.scene_warp import SceneSolution, scene_warp

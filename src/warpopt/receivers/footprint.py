@@ -29,11 +29,17 @@ class Nearest(eqx.Module):
 
 
 class Sides(eqx.Module):
-    """Candidates for the lateral extent, groups of receivers again; empty ones have right = left = 0."""
+    """Candidates for the extents of the map, groups of receivers again.
+
+    Empty ones have right = left = 0 and light_least = inf.
+    """
 
     depth: Depth  # the least delta of each group
+    farthest: Depth  # the largest
     right: Float[Array, " K"]  # largest x - axis, >= 0
     left: Float[Array, " K"]  # largest axis - x, >= 0
+    light_least: Float[Array, " K"]  # least l . c, which grows away from the light
+    light_largest: Float[Array, " K"]
 
 
 class Footprint(eqx.Module):
@@ -43,7 +49,6 @@ class Footprint(eqx.Module):
         start: least Z_w . c, in eye coordinates: where the warping frustum begins.
         mu: its depth range; 1 where `flat`.
         axis: X_w . c of W's axis: the eye's, or the nearest to it inside the body.
-        light_start, light_end: least and largest l . c.
         nearest, sides: see `Nearest`, `Sides`.
         moments: for L_P norms, and
         unit: the length that is 1 in them.
@@ -54,8 +59,6 @@ class Footprint(eqx.Module):
     start: Float[Array, ""]
     mu: Float[Array, ""]
     axis: Float[Array, ""]
-    light_start: Float[Array, ""]
-    light_end: Float[Array, ""]
     nearest: Nearest
     sides: Sides
     moments: Moments | None
@@ -67,6 +70,16 @@ class Footprint(eqx.Module):
         """(largest (axis - x)/A, largest (x - axis)/A): what the map must span on either side of W's axis."""
         blend = self.sides.depth.blend(eta)
         return (self.sides.left / blend).max(), (self.sides.right / blend).max()
+
+    def at_best(self) -> "Footprint":
+        """What the same groups would be if each receiver had its group's other depth: a bound from below.
+
+        The norm of this and of the footprint itself enclose that of the receivers one by one.
+        """
+        nearest = self.nearest.depth
+        if self.nearest.z.shape == self.sides.right.shape:  # else the axis measure, which groups nothing
+            nearest = self.sides.depth
+        return eqx.tree_at(lambda f: (f.nearest.depth, f.sides.depth), self, (nearest, self.sides.farthest))
 
 
 class Receivers(Protocol):
@@ -110,10 +123,8 @@ def from_points(
         start,
         mu,
         axis,
-        whole(valid, h, True),
-        whole(valid, h, False),
         Nearest(depth, jnp.where(valid, points[:, 2], jnp.inf)),
-        Sides(depth, *sides),
+        Sides(depth, depth, *sides, jnp.where(valid, h, jnp.inf), jnp.where(valid, h, -jnp.inf)),
         None,
         camera.near,
         ~valid.any(),

@@ -57,24 +57,23 @@ class WholeFrustum(eqx.Module):
             nearest = Nearest(every, jnp.broadcast_to(z, x.shape).ravel())
         moments = None
         if not norm.supremum:
-            heights, weights = _window_nodes(camera, self.measure, round(norm.blend_degree))
+            heights, weights = window_nodes(camera, self.measure, round(norm.blend_degree))
             heights = frame.depth(heights)
             largest_near = nearest.depth.delta[0] if self.measure == "axis" else corners.delta[0].max()
             ratio = (f - n) / n
             moments = segment_moments(
                 depth(heights, n), depth(heights, f), weights, largest_near, ratio, jnp.log1p(ratio), norm
             )
-        h = along * z
-        return Footprint(
-            start, mu, axis, h.min(), h.max(), nearest, Sides(every, *sides), moments, n, jnp.zeros((), bool), flat
-        )
+        h = (along * z).ravel()
+        all_sides = Sides(every, every, *sides, h, h)
+        return Footprint(start, mu, axis, nearest, all_sides, moments, n, jnp.zeros((), bool), flat)
 
 
 def _plus(value: Array) -> Array:
     return jnp.where(value > 0, value, 0)
 
 
-def _window_nodes(camera: Camera, measure: Measure, degree: int) -> tuple[Array, Array]:
+def window_nodes(camera: Camera, measure: Measure, degree: int) -> tuple[Array, Array]:
     """Points (x/z, y/z, 1) and weights, exact for polynomials of the degree in both; the axis for its measure."""
     if measure == "axis":
         return jnp.array([[0.0, 0.0, 1.0]], camera.window.dtype), jnp.ones((1,), camera.window.dtype)

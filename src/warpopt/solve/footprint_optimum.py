@@ -229,4 +229,3 @@ def _settled(log_norm: LogNorm, found: Array, eps: float) -> tuple[Array, Array,
 def value_at(log_norm: LogNorm, u: Float[Array, ""]) -> Float[Array, ""]:
     """The norm at u, differentiable in the footprint and in u."""
     return jnp.exp(log_norm.value(u, jax.lax.stop_gradient(log_norm.active(u))))
-

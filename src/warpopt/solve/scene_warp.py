@@ -29,6 +29,8 @@ class SceneSolution(eqx.Module):
         margin: d log(norm) / d log(eta) just below eta = 1. A warp helps iff it is positive: by how much no warp is, or
             is not, the best.
         unwarped: the norm without a warp.
+        excess: bound on (norm of the grouped receivers) / (norm of each for itself) - 1, at this warp: what it costs
+            that points and depth buffers are grouped conservatively. 0 where nothing is.
         frame: W's axes.
         footprint: the receivers' extents.
     """
@@ -39,6 +41,7 @@ class SceneSolution(eqx.Module):
     residual: Float[Array, ""]
     margin: Float[Array, ""]
     unwarped: Float[Array, ""]
+    excess: Float[Array, ""]
     frame: LightFrame
     footprint: Footprint
 
@@ -103,19 +106,18 @@ def scene_warp(
 def _solve(camera, light, receivers, norms, screen, shadow_map, min_eta) -> SceneSolution:
     frame = LightFrame(camera, light, screen, shadow_map)
     footprint = receivers.footprint(camera, frame, norms[0])
-    log_norm = LogNorm(footprint, tuple(_term(footprint, frame, norm) for norm in norms), _power_mean(norms[0]))
+    terms = tuple(_term(footprint, frame, norm) for norm in norms)
+    log_norm = LogNorm(footprint, terms, None if norms[0].supremum else norms[0])
     optimum = minimise(log_norm, min_eta)
     value, unwarped = value_at(log_norm, optimum.log_eta), value_at(log_norm, jnp.zeros_like(optimum.log_eta))
-    value, unwarped = (jnp.where(footprint.empty, 0, v) for v in (value, unwarped))
+    at_best = value_at(eqx.tree_at(lambda n: n.footprint, log_norm, footprint.at_best()), optimum.log_eta)
+    excess = jnp.where(value > at_best, value / jnp.where(at_best > 0, at_best, 1) - 1, 0)
+    value, unwarped, excess = (jnp.where(footprint.empty, 0, v) for v in (value, unwarped, excess))
     finite = jnp.isfinite(value) & jnp.isfinite(optimum.log_eta)
     outcome = jnp.where(finite, optimum.outcome, Outcome.not_finite)
     log_eta = jnp.where(finite, optimum.log_eta, jnp.nan)
     warp = Warp(jnp.exp(log_eta), -jnp.expm1(log_eta), footprint.mu, jnp.ones((), bool))
-    return SceneSolution(warp, value, outcome, optimum.residual, optimum.margin, unwarped, frame, footprint)
-
-
-def _power_mean(norm: ErrorNorm) -> ErrorNorm | None:
-    return None if norm.supremum else norm
+    return SceneSolution(warp, value, outcome, optimum.residual, optimum.margin, unwarped, excess, frame, footprint)
 
 
 def _term(footprint: Footprint, frame: LightFrame, norm: ErrorNorm) -> Term:

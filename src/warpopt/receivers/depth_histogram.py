@@ -1,0 +1,77 @@
+"""Receivers of which only the depths are known: a histogram, as automatic exposure or cascade fitting keep it."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+from .._checks import checked, float_arrays
+from ..theory.camera import Camera
+from ..theory.error_norm import ErrorNorm
+from ..theory.light_frame import LightFrame
+from ..theory.light_space import Depth
+from .footprint import Footprint
+from .points import Groups, from_groups, with_moments
+from .view_frustum import window_nodes
+from .whole_frustum import unit_nodes
+
+
+class DepthHistogram(eqx.Module):
+    """Receivers spread evenly over the screen at each depth, and evenly in depth within each bin.
+
+    That is all a histogram says; where the scene is lopsided (ground below, sky above) a `DepthBuffer` knows better.
+
+    Args:
+        edges: (K + 1,) eye depths, increasing, > 0. What lies outside the view frustum is cut off.
+        counts: (K,), >= 0: the weight of each bin; a bin of 0 holds no receivers.
+
+    Raises:
+        ValueError: for wrong shapes, edges that do not increase, negative counts, or values that are not finite.
+
+    Example:
+        >>> import warpopt
+        >>> histogram = warpopt.DepthHistogram(edges=(1.0, 10.0, 100.0), counts=(3.0, 1.0))
+        >>> camera = warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=1000.0, half_fov=0.4)
+        >>> solution = warpopt.scene_warp(camera, warpopt.DirectionalLight((0, -1, 0)), histogram)
+        >>> round(float(solution.warp.mu), 3)   # nothing is nearer than 1 or farther than 100
+        99.0
+    """
+
+    edges: Float[Array, " E"]
+    counts: Float[Array, " K"]
+
+    def __init__(self, edges: ArrayLike, counts: ArrayLike):
+        edges, counts = float_arrays(edges=edges, counts=counts)
+        if edges.ndim != 1 or counts.shape != (len(edges) - 1,) or not len(counts):
+            raise ValueError(f"counts: got shape {counts.shape} with edges {edges.shape}, expected one count for a bin")
+        edges = checked("edges", edges, lambda e: jnp.isfinite(e) & (e > 0), "finite depths > 0")
+        self.edges = checked(
+            "edges", edges, lambda e: jnp.concatenate([jnp.diff(e) > 0, jnp.ones(1, bool)]), "increasing depths"
+        )
+        self.counts = checked("counts", counts, lambda c: jnp.isfinite(c) & (c >= 0), "finite numbers >= 0")
+
+    def footprint(self, camera: Camera, frame: LightFrame, norm: ErrorNorm) -> Footprint:
+        """See `Receivers`. Each bin is a slab of the frustum, and a group."""
+        edges = jnp.clip(self.edges.astype(camera.near.dtype), camera.near, camera.far)
+        there = (self.counts > 0) & (edges[1:] > edges[:-1])
+        corners = camera.corner_slopes()
+
+        def ends(axis: Array) -> tuple[Array, Array]:
+            values = (corners @ axis)[:, None, None] * jnp.stack([edges[:-1], edges[1:]])
+            return jnp.where(there, values.min((0, 1)), jnp.inf), jnp.where(there, values.max((0, 1)), -jnp.inf)
+
+        z = jnp.where(there, edges[:-1], jnp.inf)
+        bounds = (ends(axis) for axis in (frame.z_axis, frame.x_axis, frame.light))
+        footprint = from_groups(Groups(*(side for pair in bounds for side in pair), z), camera.near)
+        if norm.supremum:
+            return footprint
+        degree = round(norm.blend_degree)
+        points, weights = window_nodes(camera, "screen", degree)
+        t, w = unit_nodes(degree // 2 + 8)  # a bin's z ratio of 10 still leaves 1e-10 of the integral
+        inner = edges[:-1, None] + jnp.diff(edges)[:, None] * t
+        d = (points @ frame.z_axis)[:, None, None] * inner
+        delta = jnp.clip((d - footprint.start) / footprint.mu, 0, 1)
+        mass = jnp.where(there, self.counts, 0)[:, None] * w * weights[:, None, None]
+        unit = jnp.where(footprint.empty, 1, z.min())
+        safe = jnp.where(there[:, None], inner, unit) / unit
+        return with_moments(footprint, Depth(delta, 1 - delta), safe, mass, unit, norm)

@@ -1,0 +1,198 @@
+"""The matrix that takes world points into the warped shadow map, WI's product S_w = F W_p W_v R L_p L_v."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+from .._checks import checked, float_arrays
+from ..receivers.footprint import Footprint, Receivers
+from ..theory.camera import Camera, DirectionalLight
+from ..theory.error_norm import ErrorNorm
+from ..theory.light_frame import LightFrame
+from ..theory.warp import Warp
+
+
+@dataclasses.dataclass(frozen=True)
+class ClipSpace:
+    """What a graphics interface expects of clip coordinates (x, y, z, w).
+
+    Texture coordinates (t, s) of the map, both in [0, 1], are ((x/w + 1)/2, (y/w + 1)/2), or (1 - y/w)/2 with `y_down`.
+
+    Args:
+        z_zero_to_one: z/w spans [0, 1] rather than [-1, 1].
+        y_down: y/w grows towards the lower edge of the map.
+        reversed_z: what is nearest to the light has the largest z/w.
+        row_vectors: for p M rather than M p: the matrix is transposed.
+
+    Example:
+        >>> ClipSpace.vulkan().y_down
+        True
+    """
+
+    z_zero_to_one: bool = False
+    y_down: bool = False
+    reversed_z: bool = False
+    row_vectors: bool = False
+
+    @classmethod
+    def opengl(cls, *, reversed_z: bool = False, row_vectors: bool = False) -> "ClipSpace":
+        """z in [-1, 1], y up."""
+        return cls(False, False, reversed_z, row_vectors)
+
+    @classmethod
+    def direct3d(cls, *, reversed_z: bool = False, row_vectors: bool = True) -> "ClipSpace":
+        """z in [0, 1], y up; row vectors unless said otherwise."""
+        return cls(True, False, reversed_z, row_vectors)
+
+    @classmethod
+    def vulkan(cls, *, reversed_z: bool = False, row_vectors: bool = False) -> "ClipSpace":
+        """z in [0, 1], y down."""
+        return cls(True, True, reversed_z, row_vectors)
+
+
+def shadow_matrix(
+    camera: Camera,
+    light: DirectionalLight,
+    receivers: Receivers | Footprint,
+    warp: Warp,
+    convention: ClipSpace | None = None,
+    *,
+    casters: ArrayLike | None = None,
+) -> Float[Array, "4 4"]:
+    """World to clip space of the shadow map, fitted to the receivers.
+
+    Every receiver lands in the map with w > 0, and so does every caster between the light and a receiver. `eta = 1`
+    gives the plain focused map, with w = 1 everywhere.
+
+    Args:
+        camera, light: as given to `scene_warp`.
+        receivers: as given to `scene_warp`, or the solution's `footprint`, which costs no second pass over them.
+        warp: any `Warp`; only eta is used.
+        convention: a `ClipSpace`; OpenGL's by default.
+        casters: (N, 3) world points of what casts shadows (the corners of the scene's box will do): the map's depth
+            begins at the one nearest to the light. By default it begins at the receivers.
+
+    Raises:
+        ValueError: for casters of a wrong shape or not finite.
+
+    First derivatives grow as 1/sin(theta); where light and view are parallel (see `LightFrame`) they are zero in what
+    turns W about the view.
+
+    Example:
+        >>> import warpopt
+        >>> camera = warpopt.Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=0.5236)
+        >>> light = warpopt.DirectionalLight((0, -1, 0))
+        >>> best = warpopt.scene_warp(camera, light)
+        >>> matrix = shadow_matrix(camera, light, best.footprint, best.warp)
+        >>> x, y, z, w = matrix @ jnp.array([0.0, 0.0, -1.0, 1.0])   # on the near plane: s = 0
+        >>> [round(float(v), 6) + 0.0 for v in (x / w, y / w)]
+        [0.0, -1.0]
+    """
+    convention = ClipSpace() if convention is None else convention
+    frame = LightFrame(camera, light)
+    if isinstance(receivers, Footprint):
+        footprint = receivers
+    else:
+        footprint = receivers.footprint(camera, frame, ErrorNorm.of("p", "inf", "screen"))
+    eta = warp.eta.astype(camera.position.dtype)
+    reference, least, largest = _light_range(camera, frame, footprint, eta, casters)
+    left, right = footprint.half_widths(eta)
+    width = jnp.where(left + right > 0, left + right, 1)
+    mu = footprint.mu
+
+    # L_v: world to eye, then the axes X_w, l, Z_w. L_p: lengths in units of mu; a directional light's is orthographic.
+    axes = jnp.stack([frame.x_axis, frame.light, frame.z_axis])
+    turn = axes @ camera.rotation
+    l_v = _affine(turn, -turn @ camera.position)
+    l_p = jnp.diag(jnp.stack([1 / mu, 1 / mu, 1 / mu, jnp.ones_like(mu)]))
+    # R is the order of axes, which L_v has already: Z_w is the last. W_v: W's axis and near plane to the origin.
+    w_v = _affine(jnp.eye(3, dtype=mu.dtype), -jnp.stack([footprint.axis, reference, footprint.start]) / mu)
+    # W_p: (x, h, delta) to (x, h, delta) / A, with A = eta + (1 - eta) delta.
+    w_p = jnp.eye(4, dtype=mu.dtype).at[3].set(jnp.stack([jnp.zeros_like(eta), jnp.zeros_like(eta), 1 - eta, eta]))
+    # F: to t, depth and s in [0, 1], then to clip space.
+    span = jnp.where(largest > least, largest - least, 1)
+    f = _affine(
+        jnp.diag(jnp.stack([mu / width, mu / span, jnp.ones_like(mu)])),
+        jnp.stack([jnp.where(left + right > 0, left / width, 0.5), -least / span, jnp.zeros_like(mu)]),
+    )
+    matrix = _to_clip(convention, mu.dtype) @ f @ w_p @ w_v @ l_p @ l_v
+    return matrix.T if convention.row_vectors else matrix
+
+
+def texel_snap(
+    matrix: ArrayLike, resolution: tuple[int, int], convention: ClipSpace | None = None
+) -> Float[Array, "4 4"]:
+    """An unwarped shadow matrix moved by less than a texel, so that the world's origin lies on a texel's corner.
+
+    With a fit of constant size this keeps shadow edges from crawling as the camera moves. There is no such thing for a
+    warp, whose texels differ in size.
+
+    Args:
+        matrix: from `shadow_matrix` with eta = 1.
+        resolution: texels along (t, s).
+        convention: the one that the matrix was made for.
+
+    Raises:
+        ValueError: for a warped matrix, a wrong shape, or a resolution that is not two positive numbers.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> moved = texel_snap(jnp.eye(4).at[0, 3].set(0.3), (4, 4))
+        >>> round(float(moved[0, 3]), 3)   # texels are 0.5 wide in clip space
+        0.5
+    """
+    convention = ClipSpace() if convention is None else convention
+    (matrix,) = float_arrays(matrix=matrix)
+    if matrix.shape != (4, 4):
+        raise ValueError(f"matrix: got shape {matrix.shape}, expected (4, 4)")
+    if len(resolution) != 2 or not all(size > 0 for size in resolution):
+        raise ValueError(f"resolution: got {resolution!r}, expected two positive numbers")
+    columns = matrix.T if convention.row_vectors else matrix
+    last = checked(
+        "matrix", columns[3], lambda row: row == jnp.array([0, 0, 0, 1]), "an unwarped one: w = 1 for every point"
+    )
+    texels = jnp.asarray(np.asarray(resolution), matrix.dtype) / 2
+    offset = columns[:2, 3]
+    snapped = jnp.concatenate([columns[:3].at[:2, 3].set(jnp.round(offset * texels) / texels), last[None]])
+    return snapped.T if convention.row_vectors else snapped
+
+
+def _light_range(camera, frame: LightFrame, footprint: Footprint, eta: Array, casters) -> tuple[Array, Array, Array]:
+    """(reference, least, largest): of (l . c - reference)/A over receivers and the casters before them."""
+    sides = footprint.sides
+    there = jnp.isfinite(sides.light_least)
+    first = jnp.where(there, sides.light_least, jnp.inf).min()
+    last = jnp.where(there, sides.light_largest, -jnp.inf).max()
+    first, last = (jnp.where(there.any(), v, 0) for v in (first, last))
+    start = jnp.where(there, sides.light_least, first)
+    end = jnp.where(there, sides.light_largest, last)
+    if casters is not None:
+        (casters,) = float_arrays(casters=casters)
+        if casters.ndim != 2 or casters.shape[1] != 3:
+            raise ValueError(f"casters: got shape {casters.shape}, expected (N, 3)")
+        casters = checked("casters", casters, lambda v: jnp.isfinite(v), "finite numbers")
+        nearest = frame.along_light(camera.to_eye(casters)).min()
+        start = jnp.where(nearest < start, nearest, start)  # in the light's way to any receiver
+    # Any reference serves; the middle of the receivers keeps the digits of what is divided by a small A.
+    reference = (first + last) / 2
+    blends = [depth.blend(eta) for depth in (sides.depth, sides.farthest)]
+    least = jnp.stack([(start - reference) / blend for blend in blends]).min()
+    largest = jnp.stack([(end - reference) / blend for blend in blends]).max()
+    return reference, least, largest
+
+
+def _affine(linear: Array, offset: Array) -> Array:
+    return jnp.concatenate([jnp.c_[linear, offset], jnp.array([[0.0, 0.0, 0.0, 1.0]], linear.dtype)])
+
+
+def _to_clip(convention: ClipSpace, dtype) -> np.ndarray:
+    """From (t, depth, s, 1), the depth growing away from the light, to clip space."""
+    y = -1 if convention.y_down else 1
+    low, high = (0, 1) if convention.z_zero_to_one else (-1, 1)
+    if convention.reversed_z:
+        low, high = high, low
+    rows = [[2, 0, 0, -1], [0, 0, 2 * y, -y], [0, high - low, 0, low], [0, 0, 0, 1]]
+    return np.array(rows, dtype)
