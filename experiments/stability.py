@@ -9,13 +9,15 @@ hexadecimal, to rerun it) and `heat_map.png`. `--draws` is a number for each dty
 """
 
 import argparse
+import contextlib
 import csv
 import json
 import multiprocessing
 import os
 import sys
 import time
-from concurrent.futures import Executor, ProcessPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
@@ -206,7 +208,7 @@ def point_errors(d: dict[str, np.ndarray], count: int, seed: int) -> dict[str, f
     return worst
 
 
-def run_dtype(dtype, arguments, pool: Executor) -> tuple[dict, list[dict], list[tuple]]:
+def run_dtype(dtype, arguments, mapped: Callable[..., list]) -> tuple[dict, list[dict], list[tuple]]:
     """All combinations in one dtype: (figures by combination, worst cases, points of the heat map)."""
     combinations = COMBINATIONS[:: -(-len(COMBINATIONS) // arguments.combinations)]
     per = -(-arguments.draws // len(combinations))
@@ -223,7 +225,7 @@ def run_dtype(dtype, arguments, pool: Executor) -> tuple[dict, list[dict], list[
         solution, at_eta = jax.tree.map(np.asarray, solution), norm_of(d, combination)
         order_of_doubt = np.argsort(-indicator)
         chosen = np.unique(np.concatenate([np.arange(stratified), order_of_doubt[:hardest]]))
-        errors = list(pool.map(reference_errors, answers(d, chosen, solution, at_eta, combination), chunksize=4))
+        errors = mapped(reference_errors, answers(d, chosen, solution, at_eta, combination))
         for key in ("regret_over_k_eps", "value_ulp", "norm_ulp"):
             values = np.array([e[key] for e in errors])
             found[key] = float(values.max())
@@ -245,6 +247,16 @@ def run_dtype(dtype, arguments, pool: Executor) -> tuple[dict, list[dict], list[
             flush=True,
         )
     return table, worst_rows, points
+
+
+@contextlib.contextmanager
+def over_processes(count: int) -> Iterator[Callable[..., list]]:
+    """`map` to a list, over new processes (JAX's threads do not survive a fork), or in this one."""
+    if count == 1:
+        yield lambda function, items: list(map(function, items))
+        return
+    with ProcessPoolExecutor(count, multiprocessing.get_context("spawn")) as pool:
+        yield lambda function, items: list(pool.map(function, items, chunksize=4))
 
 
 TARGETS = {
@@ -322,9 +334,8 @@ def main(words: list[str] | None = None) -> int:
     tables, rows, points, worst = {}, [], {}, {}
     for name in arguments.dtypes:
         dtype = np.dtype(name).type
-        # New processes, not forks: JAX's threads do not survive a fork.
-        with ProcessPoolExecutor(arguments.processes, multiprocessing.get_context("spawn")) as pool:
-            tables[name], found, points[name] = run_dtype(dtype, arguments, pool)
+        with over_processes(arguments.processes) as mapped:
+            tables[name], found, points[name] = run_dtype(dtype, arguments, mapped)
         rows += found
         worst[name] = {
             k: max(t[k] for t in tables[name].values()) for k in next(iter(tables[name].values()))

@@ -48,3 +48,10 @@ def batch(cases=CASES, dtype=np.float64) -> tuple[warpopt.ViewFrustum, jnp.ndarr
 
 def twins(cases=CASES) -> list[twin.Scene]:
     return [twin.Scene(*case[1:]) for case in cases]
+
+
+def turned(seed: int) -> tuple[jnp.ndarray, jnp.ndarray]:
+    """(a random rotation matrix, a random shift): a pose that nothing is aligned with."""
+    rng = np.random.default_rng(seed)
+    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return jnp.asarray(q * np.sign(np.linalg.det(q))), jnp.asarray(rng.normal(size=3) * 20)

@@ -24,7 +24,7 @@ def run(name: str, *arguments: str) -> str:
 
 
 def test_stability_meets_every_target_on_a_slice(tmp_path):
-    arguments = ["--draws", "1500", "--references", "9", "--points", "60", "--combinations", "3"]
+    arguments = ["--draws", "1500", "--references", "9", "--points", "60", "--combinations", "3", "--processes", "1"]
     run("stability.py", *arguments, "--directory", str(tmp_path))
     summary = json.loads((tmp_path / "stability.json").read_text())
     assert summary["defects"] == []
@@ -49,6 +49,20 @@ def test_runtime_vs_error_runs_and_orders_the_methods(tmp_path):
     targets = json.loads((tmp_path / "summary.json").read_text())["targets"]
     assert all(math.isfinite(t["measured"]) for name, t in targets.items() if "screen" in name)
     assert (tmp_path / "runtime_vs_error.png").stat().st_size > 10_000
+
+
+def test_what_is_not_asked_for_is_measured(tmp_path):
+    """The script runs, and writes its table into a page without touching the rest."""
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- only what is asked -->\nold\n<!-- end only what is asked -->\nafter\n")
+    run("only_what_is_asked.py", "--short", "--directory", str(tmp_path), "--page", str(page))
+    savings = json.loads((tmp_path / "savings.json").read_text())["savings"]
+    assert all(s["without"] > 0 and s["with"] > 0 for s in savings)
+    text = page.read_text()
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")
+    assert "old" not in text
+    assert all(s["saving"] in text for s in savings)
 
 
 @pytest.mark.parametrize(("metric", "order"), [("p", 2.0), ("pxq", 1.0), ("q", math.inf)])

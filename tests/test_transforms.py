@@ -71,6 +71,20 @@ def test_new_values_do_not_recompile():
     assert solver._solve._cache_size() == before[0] + 1
 
 
+def test_any_size_beyond_a_block_is_one_compilation():
+    """Blocks of 2^20 of one padded shape: sizes on either side of two and three of them, and the values of one call."""
+    few = jnp.linspace(0.1, 1.5, 1000)
+    one = warpopt.ViewFrustum(1.0, 50.0, 0.5)
+    expected = warpopt.optimal_warp(one, few).warp.eta
+    before = solver._solve._cache_size()
+    for count in (2**20 + 1, 2**21 - 7, 2**21 + 3):
+        theta = np.resize(few, count)
+        eta = warpopt.optimal_warp(one, theta).warp.eta
+        assert eta.shape == (count,)
+        np.testing.assert_allclose(eta, np.resize(expected, count), rtol=4 * np.finfo(float).eps)
+    assert solver._solve._cache_size() == before + 1
+
+
 def test_solutions_and_warps_are_trees():
     """They pass through jit and scan as arguments and results."""
     warp = warpopt.optimal_warp(FRUSTUM, THETA).warp

@@ -152,7 +152,7 @@ def _moments(planes, vertices, valid, frame, footprint: Footprint, norm: ErrorNo
     depths = jnp.sort(jnp.where(valid, vertices[:, 2], last))
     logs = jnp.log(depths / first)
     gaps, where = jax.lax.top_k(jnp.diff(logs), min(2 * len(planes), len(logs) - 1))
-    t, w = unit_nodes(_DEPTH_NODES)
+    t, w = unit_nodes(_DEPTH_NODES, logs.dtype)
     log_z = (logs[where][:, None] + gaps[:, None] * t).ravel()
     weight_z = (gaps[:, None] * w).ravel()
     delta, rest, area = jax.vmap(functools.partial(_slice, thick, frame, footprint, first, round(norm.blend_degree)))(
@@ -207,7 +207,7 @@ def _slice(planes, frame: LightFrame, footprint: Footprint, unit: Array, degree:
     centre = (share * (p + q)).sum(0) / jnp.maximum(2 * share.sum(), 1)
     area = jnp.where(usable, jnp.abs(jnp.cross(p - centre, q - centre)) / 2, 0)
     # Collapsed Gauss nodes on each triangle: r from the centre (weight r), v along the edge.
-    (r, a), (v, b) = unit_nodes((degree + 1) // 2 + 1), unit_nodes(degree // 2 + 1)
+    (r, a), (v, b) = (unit_nodes(count // 2 + 1, z.dtype) for count in (degree + 1, degree))
     along = p[:, None, :] * (1 - v)[:, None] + q[:, None, :] * v[:, None]
     points = centre + r[:, None, None] * (along[:, None] - centre)
     weights = (2 * area)[:, None, None] * (a * r)[:, None] * b

@@ -19,7 +19,9 @@ from .footprint import Footprint
 from .points import BINS, Groups, bin_of, from_groups, with_moments
 
 Encoding = Literal["linear", "standard", "reversed"]
-_CELL = 8  # pixels of one row, where depth varies least; reduced first, so that few values are sorted into bins
+# Sorting into bins costs about as much for one value as all else for ten, so large buffers are first reduced to this
+# many cells, runs of pixels in a row, along which depth varies least.
+_CELLS = 262_144
 
 
 class DepthBuffer(eqx.Module):
@@ -102,8 +104,9 @@ def _by_cells(values: Array, least: bool) -> Array:
     """Least or largest of each cell, NaN (background) aside."""
     edge = jnp.inf if least else -jnp.inf
     values = jnp.where(jnp.isnan(values), edge, values)
-    values = jnp.pad(values, ((0, 0), (0, -values.shape[1] % _CELL)), constant_values=edge)
-    cells = values.reshape(-1, _CELL)
+    size = max(1, round(values.size / _CELLS))
+    values = jnp.pad(values, ((0, 0), (0, -values.shape[1] % size)), constant_values=edge)
+    cells = values.reshape(-1, size)
     return cells.min(1) if least else cells.max(1)
 
 

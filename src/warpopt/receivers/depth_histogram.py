@@ -67,7 +67,7 @@ class DepthHistogram(eqx.Module):
             return footprint
         degree = round(norm.blend_degree)
         points, weights = window_nodes(camera, "screen", degree)
-        t, w = unit_nodes(degree // 2 + 8)  # a bin's z ratio of 10 still leaves 1e-10 of the integral
+        t, w = unit_nodes(degree // 2 + 8, edges.dtype)  # a bin's z ratio of 10 still leaves 1e-10 of the integral
         inner = edges[:-1, None] + jnp.diff(edges)[:, None] * t
         d = (points @ frame.z_axis)[:, None, None] * inner
         delta = jnp.clip((d - footprint.start) / footprint.mu, 0, 1)

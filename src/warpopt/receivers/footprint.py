@@ -71,6 +71,12 @@ class Footprint(eqx.Module):
         blend = self.sides.depth.blend(eta)
         return (self.sides.left / blend).max(), (self.sides.right / blend).max()
 
+    def coordinates(self, frame: LightFrame, eye_points: Float[Array, "... 3"]) -> tuple[Depth, Array, Array]:
+        """(depth along Z_w as delta and 1 - delta, x from W's axis, eye depth z) of points in eye coordinates."""
+        d = frame.depth(eye_points)
+        depth = Depth((d - self.start) / self.mu, (self.start + self.mu - d) / self.mu)
+        return depth, frame.lateral(eye_points) - self.axis, eye_points[..., 2]
+
     def at_best(self) -> "Footprint":
         """What the same groups would be if each receiver had its group's other depth: a bound from below.
 

@@ -80,7 +80,7 @@ class PointReceivers(eqx.Module):
         """See `Receivers`. Exact for at most `BINS` points, conservative beyond: `Footprint`'s groups."""
         points = camera.to_eye(self.points)
         seen = (self.weights > 0) & (points @ camera.planes()[:, :3].T + camera.planes()[:, 3] >= 0).all(1)
-        points = jnp.where(seen[:, None], points, jnp.array([0.0, 0.0, 1.0]))
+        points = jnp.where(seen[:, None], points, jnp.array([0.0, 0.0, 1.0], points.dtype))
         d, x, z = frame.depth(points), frame.lateral(points), points[:, 2]
         h = frame.along_light(points)
         if len(points) <= BINS:

@@ -77,7 +77,7 @@ def window_nodes(camera: Camera, measure: Measure, degree: int) -> tuple[Array, 
     """Points (x/z, y/z, 1) and weights, exact for polynomials of the degree in both; the axis for its measure."""
     if measure == "axis":
         return jnp.array([[0.0, 0.0, 1.0]], camera.window.dtype), jnp.ones((1,), camera.window.dtype)
-    nodes, weights = unit_nodes(degree // 2 + 1)
+    nodes, weights = unit_nodes(degree // 2 + 1, camera.window.dtype)
     left, right, bottom, top = camera.window
     u, v = (axis.ravel() for axis in np.meshgrid(nodes, nodes, indexing="ij"))
     x, y = left * (1 - u) + right * u, bottom * (1 - v) + top * v

@@ -69,21 +69,19 @@ def moments(space: LightSpace, norm: ErrorNorm) -> Moments:
     """
     M, x = round(norm.blend_degree), space.depth_range
     if norm.measure == "axis":
-        heights, weights = np.array([0.5]), np.array([1.0])
+        heights, weights = np.array([0.5], x.dtype), np.array([1.0], x.dtype)
     else:
-        heights, weights = unit_nodes(M // 2 + 1)
+        heights, weights = unit_nodes(M // 2 + 1, x.dtype)
     # The heights are a leading axis: one contraction for all.
     batch = (-1,) + (1,) * jnp.ndim(space.edge(1.0)[0].delta + x)
-    near, far = space.edge(heights.astype(x.dtype).reshape(batch))
-    return segment_moments(
-        near, far, weights.astype(x.dtype).reshape(batch), space.edge(1.0)[0].delta, x, space.log_ratio, norm
-    )
+    near, far = space.edge(heights.reshape(batch))
+    return segment_moments(near, far, weights.reshape(batch), space.edge(1.0)[0].delta, x, space.log_ratio, norm)
 
 
-def unit_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
+def unit_nodes(count: int, dtype) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre nodes and weights on [0, 1]."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
-    return (1 + nodes) / 2, weights / 2
+    return ((1 + nodes) / 2).astype(dtype), (weights / 2).astype(dtype)
 
 
 def segment_moments(

@@ -6,8 +6,10 @@ import math
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
+from .._numerics import larger, power
 from ..receivers.footprint import Footprint, Receivers
 from ..receivers.view_frustum import WholeFrustum
 from ..theory.camera import Camera, DirectionalLight
@@ -44,6 +46,25 @@ class SceneSolution(eqx.Module):
     excess: Float[Array, ""]
     frame: LightFrame
     footprint: Footprint
+
+    def aliasing_error(
+        self, eye_points: Float[Array, "... 3"], metric: str | Metric = "p", eta: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        """E at points in eye coordinates (`Camera.to_eye`), for the optimal warp or any other eta.
+
+        E_p = density_p mu A^2 / (z eta), E_q = density_q width A / z: AT09 (13), (14) along W's axes. "max" is the
+        larger of the two.
+        """
+        eta = self.warp.eta if eta is None else jnp.asarray(eta, self.warp.eta.dtype)
+        depth, _, z = self.footprint.coordinates(self.frame, eye_points)
+        blend = depth.blend(eta)
+        along = self.frame.density_p * self.footprint.mu / z * blend * (blend / eta)
+        left, right = self.footprint.half_widths(eta)
+        across = self.frame.density_q * (left + right) / z * blend
+        if metric == "max":
+            return larger(along, across)
+        one = Metric.of(metric)
+        return power(along, one.alpha) * power(across, one.beta)
 
 
 def scene_warp(

@@ -1,0 +1,291 @@
+"""Receivers: each kind against brute force, and what is conservative about groups."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull, HalfspaceIntersection
+
+import warpopt
+from warpopt import (
+    Camera,
+    ConvexBody,
+    DepthBuffer,
+    DepthHistogram,
+    DirectionalLight,
+    Outcome,
+    PointReceivers,
+    WholeFrustum,
+    scene_warp,
+)
+
+CAMERA = Camera((1, 2, 3), (0.3, -0.2, -1), (0, 1, 0), 0.5, 80.0, 0.5, 1.4)
+LIGHT = DirectionalLight((0.4, -1, -0.3))
+BOXES = {
+    "around the camera": ((-20, -5, -40), (30, 8, 20)),
+    "ahead": ((-4, 0, -40), (14, 5, -10)),
+    "partly beside": ((5, -3, -30), (60, 10, -5)),
+    "cut by the near plane": ((0.5, 1.4, 2), (1.6, 2.4, 2.9)),
+    "holding the frustum": ((-500, -500, -500), (500, 500, 500)),
+}
+
+
+def planes_of(box):
+    lower, upper = (np.array(v, float) for v in box)
+    return np.concatenate([np.c_[np.eye(3), -lower], np.c_[-np.eye(3), upper]])
+
+
+def half_spaces(box):
+    """SciPy's form (A x + b <= 0) of box and view frustum, in eye coordinates by the camera's public methods."""
+    world = planes_of(box)
+    rotation, position = np.asarray(CAMERA.rotation), np.asarray(CAMERA.position)
+    eye = np.c_[world[:, :3] @ rotation.T, world[:, 3] + world[:, :3] @ position]
+    return -np.concatenate([np.asarray(CAMERA.planes()), eye])
+
+
+@pytest.mark.parametrize("name", BOXES)
+def test_vertices_are_those_of_the_intersection(name):
+    """Against Qhull's intersection of half-spaces, from an interior point found by brute force."""
+    spaces = half_spaces(BOXES[name])
+    rng = np.random.default_rng(0)
+    z = np.exp(rng.uniform(np.log(0.5), np.log(80), 400_000))
+    window = np.asarray(CAMERA.window)
+    eye = np.c_[rng.uniform(*window[:2], z.size) * z, rng.uniform(*window[2:], z.size) * z, z]
+    depth = -(eye @ spaces[:, :3].T + spaces[:, 3]).max(1)
+    inside = eye[np.argmax(depth)]
+    assert depth.max() > 0
+    exact = HalfspaceIntersection(spaces, inside).intersections
+    found, valid = ConvexBody.box(*BOXES[name]).vertices(CAMERA)
+    found = np.asarray(found)[np.asarray(valid)]
+    gaps = np.linalg.norm(exact[:, None] - found, axis=-1)
+    assert gaps.min(1).max() < 1e-9  # every true vertex is found
+    assert gaps.min(0).max() < 1e-9  # and nothing else is
+
+
+def test_integrals_over_a_body_are_exact():
+    """E_p L1 (moments of degree 2) over a body: against the volume's integral by Qhull's tetrahedra, Gauss on each."""
+    box = BOXES["ahead"]
+    vertices, valid = ConvexBody.box(*box).vertices(CAMERA)
+    hull = ConvexHull(np.unique(np.asarray(vertices)[np.asarray(valid)].round(12), axis=0))
+    corners = hull.points[hull.vertices]
+    centre = corners.mean(0)
+    x, w = np.polynomial.legendre.leggauss(14)
+    x, w = (x + 1) / 2, w / 2
+    for measure, exponent in (("volume", 0), ("ground", 4)):
+        solution = scene_warp(CAMERA, LIGHT, ConvexBody.box(*box, measure), "p", "l1")
+        # Collapsed Gauss nodes: r from the centre (weight r^2), s from a corner of a face (weight s), t along its edge.
+        r, s, t = (v.ravel() for v in np.meshgrid(x, x, x, indexing="ij"))
+        weight = np.einsum("i,j,k->ijk", w, w, w).ravel() * r * r * s
+        points, weights = [], []
+        for simplex in hull.simplices:
+            a, b, c = (hull.points[i] - centre for i in simplex)
+            points.append(centre + r[:, None] * (a + np.outer(s, b - a) + np.outer(s * t, c - b)))
+            weights.append(weight * abs(np.linalg.det([a, b, c])))
+        points, weights = np.concatenate(points), np.concatenate(weights)
+        weights = weights * points[:, 2] ** -exponent
+        errors = solution.aliasing_error(points, "p")
+        # 14 nodes on z ratios up to 4
+        assert float(solution.value) == pytest.approx(np.average(errors, weights=weights), rel=1e-9)
+
+
+@pytest.mark.parametrize(("metric", "norm"), [("p", "inf"), ("pxq", "l2"), ("q", "l2")])
+def test_a_body_that_holds_the_frustum_is_the_whole_frustum(metric, norm):
+    """Two derivations of the same moments: polygons slice by slice, and polar forms of tabulated integrals."""
+    for measure in ("screen", "volume"):
+        whole = scene_warp(CAMERA, LIGHT, WholeFrustum(measure), metric, norm)
+        body = scene_warp(CAMERA, LIGHT, ConvexBody.box(*BOXES["holding the frustum"], measure), metric, norm)
+        np.testing.assert_allclose(body.warp.eta, whole.warp.eta, rtol=1e-12)
+        np.testing.assert_allclose(body.value, whole.value, rtol=1e-12)
+
+
+@pytest.mark.parametrize("thickness", [0.0, 1e-300, 1e-17, 1e-12, 1e-6])
+def test_a_body_thinner_than_rounding_is_a_plane(thickness):
+    """The ground as a box without height: as the limit of thick ones, in L-inf and in L2, any light."""
+    for metric, norm in (("p", "inf"), ("pxq", "l2")):
+        for light in (LIGHT, DirectionalLight((0, -1, 0))):
+            thick, thin = (
+                scene_warp(CAMERA, light, ConvexBody.box((-30, -1, -60), (30, -1 + h, 0)), metric, norm)
+                for h in (1e-5, thickness)
+            )
+            np.testing.assert_allclose(thin.warp.eta, thick.warp.eta, rtol=1e-4)  # of the order of 1e-5 over eta
+            np.testing.assert_allclose(thin.value, thick.value, rtol=1e-4)
+
+
+def test_the_same_plane_twice_counts_once():
+    """A box that shares the frustum's near plane, and planes given twice: no area is counted double."""
+    camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), 1.0, 50.0, 0.5)
+    planes = planes_of(((-5, -5, -20), (5, 5, -1)))
+    once, twice = ConvexBody(planes), ConvexBody(np.concatenate([planes, planes * 3]))
+    a, b = (scene_warp(camera, LIGHT, body, "p", "l2") for body in (once, twice))
+    np.testing.assert_allclose(a.value, b.value, rtol=1e-12)
+    np.testing.assert_allclose(a.warp.eta, b.warp.eta, rtol=1e-12)
+
+
+def test_boxes_behind_or_beside_the_view_are_empty():
+    for box in (((-1, -1, 10), (1, 1, 20)), ((500, 0, -20), (600, 5, -10)), ((-3, 0, -900), (3, 5, -300))):
+        solution = scene_warp(CAMERA, LIGHT, ConvexBody.box(*box), "p", "l2")
+        assert Outcome(int(solution.result)) == Outcome.empty
+        assert solution.value == 0
+        assert solution.warp.eta == 1
+
+
+def image(height=54, width=90):
+    """Eye depths of a hilly ground under a sky, and each pixel's world point."""
+    left, right, bottom, top = np.asarray(CAMERA.window)
+    x = left + (right - left) * (np.arange(width) + 0.5) / width
+    y = top - (top - bottom) * (np.arange(height) + 0.5) / height
+    rays = x[None, :, None] * np.asarray(CAMERA.rotation)[0] + y[:, None, None] * np.asarray(CAMERA.rotation)[1]
+    rays = rays + np.asarray(CAMERA.rotation)[2]
+    down = np.minimum(rays[..., 1], -1e-9)
+    z = -2 * (1 + 0.2 * np.sin(20 * x)) / down
+    z = np.where((rays[..., 1] < 0) & (z < 80) & (z > 0.5), z, 0)
+    return z, np.asarray(CAMERA.position) + rays * z[..., None]
+
+
+@pytest.mark.parametrize(("metric", "norm"), [("p", "l2"), ("pxq", "inf"), ("q", "l2")])
+def test_a_depth_buffer_is_its_pixels(metric, norm):
+    """Against the pixels as points: moments to rounding; groups at most `excess` above, and never below."""
+    z, points = image()
+    buffer = scene_warp(CAMERA, LIGHT, DepthBuffer(z), metric, norm)
+    exact = scene_warp(CAMERA, LIGHT, PointReceivers(points[z > 0]), metric, norm)
+    pixels = CAMERA.to_eye(points[z > 0])
+    np.testing.assert_allclose(buffer.warp.mu, exact.warp.mu, rtol=1e-12)
+    if (metric, norm) == ("p", "l2"):
+        np.testing.assert_allclose(buffer.value, exact.value, rtol=1e-12)
+        np.testing.assert_allclose(buffer.warp.eta, exact.warp.eta, rtol=1e-12)
+    else:
+        errors = buffer.aliasing_error(pixels, metric)  # with the conservative width
+        true = errors.max() if norm == "inf" else jnp.sqrt((errors**2).mean())
+        assert buffer.value >= true * (1 - 1e-12)
+        assert buffer.value <= true * (1 + buffer.excess) * (1 + 1e-12)
+        assert buffer.excess < 0.12  # 3.7 % a bin, to the power of E_pxq's A^3
+    matrix = warpopt.shadow_matrix(CAMERA, LIGHT, buffer.footprint, buffer.warp)
+    clip = np.c_[points[z > 0], np.ones((z > 0).sum())] @ np.asarray(matrix).T
+    assert (np.abs(clip[:, :3] / clip[:, 3:]) < 1 + 1e-9).all()
+    assert (clip[:, 3] > 0).all()
+
+
+def test_encodings_are_one_buffer():
+    """Linear, standard and reversed z: the same pixels, the same background."""
+    z, _ = image(20, 30)
+    n, f = float(CAMERA.near), float(CAMERA.far)
+    safe = np.where(z > 0, z, 1.0)
+    standard = np.where(z > 0, f * (safe - n) / (safe * (f - n)), 1.0)
+    solutions = [
+        scene_warp(CAMERA, LIGHT, buffer, "p", "l2")
+        for buffer in (DepthBuffer(z), DepthBuffer(standard, "standard"), DepthBuffer(1 - standard, "reversed"))
+    ]
+    for other in solutions[1:]:
+        # 1 - d has d's rounding: eps f/n in z
+        np.testing.assert_allclose(other.warp.eta, solutions[0].warp.eta, rtol=1e-10)
+
+
+def test_a_depth_buffer_of_sky_alone_is_empty():
+    solution = scene_warp(CAMERA, LIGHT, DepthBuffer(np.ones((9, 7)), "standard"), "pxq", "l2")
+    assert Outcome(int(solution.result)) == Outcome.empty
+    matrix = warpopt.shadow_matrix(CAMERA, LIGHT, solution.footprint, solution.warp)
+    assert jnp.isfinite(matrix).all()
+
+
+def test_a_histogram_of_the_whole_range_is_the_whole_frustum():
+    """Uniform over the screen at each depth, with the screen measure's flat density in z."""
+    edges = np.geomspace(0.5, 80, 65)
+    whole = scene_warp(CAMERA, LIGHT, WholeFrustum("screen"), "p", "l2")
+    histogram = scene_warp(CAMERA, LIGHT, DepthHistogram(edges, np.diff(edges)), "p", "l2")
+    np.testing.assert_allclose(histogram.value, whole.value, rtol=1e-10)
+    np.testing.assert_allclose(histogram.warp.eta, whole.warp.eta, rtol=1e-10)
+    part = scene_warp(CAMERA, LIGHT, DepthHistogram(edges, np.where(edges[:-1] > 10, 1.0, 0.0)), "pxq")
+    assert part.warp.mu < whole.warp.mu
+    assert 0 < part.excess
+
+
+def test_gradients_are_those_of_the_whole_solve_and_finite_everywhere():
+    """Light, camera, box and points: centred differences of the solve against the equation's derivative."""
+    points = jnp.asarray(np.random.default_rng(3).normal(size=(40, 3)) * [6, 2, 8] + [3, 0, -20])
+
+    def answers(inputs, metric, norm, kind):
+        camera = Camera(inputs["position"], inputs["forward"], jnp.array([0.0, 1, 0]), 0.5, inputs["far"], 0.5)
+        light = DirectionalLight(inputs["light"])
+        receivers = {
+            "frustum": WholeFrustum(),
+            "box": ConvexBody.box(inputs["lower"], inputs["lower"] + jnp.array([20.0, 4.0, 40.0])),
+            "points": PointReceivers(inputs["points"]),
+        }[kind]
+        solution = scene_warp(camera, light, receivers, metric, norm, throw=False)
+        return jnp.stack([solution.warp.eta, solution.value])
+
+    inputs = {
+        "position": jnp.array([1.0, 2, 3]), "forward": jnp.array([0.1, -0.2, -1.0]), "far": jnp.array(80.0),
+        "light": jnp.array([0.4, -1.0, -0.3]), "lower": jnp.array([-9.0, -1.0, -60.0]), "points": points,
+    }  # fmt: skip
+    rng = np.random.default_rng(7)
+    direction = jax.tree.map(lambda v: jnp.asarray(rng.normal(size=v.shape)), inputs)
+    for kind, metric, norm in (("frustum", "p", "inf"), ("box", "p", "l2"), ("points", "pxq", "inf")):
+        solve = jax.jit(lambda v, m=metric, n=norm, k=kind: answers(v, m, n, k))
+        _, forward = jax.jvp(solve, (inputs,), (direction,))
+        step = 1e-6
+        plus, minus = (solve(jax.tree.map(lambda v, d, h=h: v + h * d, inputs, direction)) for h in (step, -step))
+        difference = (plus - minus) / (2 * step)
+        size = jnp.abs(solve(inputs))
+        np.testing.assert_allclose(forward / size, difference / size, rtol=2e-6, atol=2e-7)  # eps/step
+        gradient_of = jax.jit(jax.grad(lambda v, f=solve: f(v).sum()))
+        reverse = gradient_of(inputs)
+        total = sum((reverse[k] * direction[k]).sum() for k in inputs)
+        np.testing.assert_allclose(total, forward.sum(), rtol=1e-10)
+        for edge in (
+            {"light": inputs["forward"]}, {"light": jnp.array([0.0, -1.0, 0.0])}, {"light": -inputs["forward"]},
+            {"lower": jnp.array([-9.0, -1.0, 60.0])}, {"points": points * jnp.array([1.0, 1.0, 0.0]) - 5.0},
+            {"lower": jnp.array([1.0, 2.0, 3.0])}, {"points": jnp.zeros_like(points)},
+        ):  # fmt: skip
+            gradient = gradient_of(inputs | edge)
+            assert all(jnp.isfinite(g).all() for g in gradient.values()), (kind, metric, norm, edge)
+
+
+@pytest.mark.parametrize(("make", "words"), [
+    (lambda: Camera((0, 0, 0), (0, 0, 0), (0, 1, 0), 1, 2, 0.5), "forward: got 0.0, expected a vector that is"),
+    (lambda: Camera((0, 0, 0), (0, 2, 0), (0, 1, 0), 1, 2, 0.5), "not parallel to forward"),
+    (lambda: Camera((0, 0, np.nan), (0, 0, 1), (0, 1, 0), 1, 2, 0.5), "position: got nan, expected finite"),
+    (lambda: Camera((0, 0), (0, 0, 1), (0, 1, 0), 1, 2, 0.5), r"position: got shape \(2,\), expected \(3,\)"),
+    (lambda: Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1, 2, 0.5, -1), "aspect: got -1.0"),
+    (lambda: Camera.from_view_matrix(np.zeros((4, 4)), 1, 2, 0.5), "view: got 0.0, expected a rigid"),
+    (lambda: Camera.from_view_matrix(np.eye(3), 1, 2, 0.5), r"view: got shape \(3, 3\)"),
+    (lambda: Camera.off_centre((0, 0, 0), (0, 0, 1), (0, 1, 0), 1, 2, (1, -1, -1, 1)), "window: got .* left < right"),
+    (lambda: DirectionalLight((0, 0, 0)), "direction: got 0.0, expected a vector that is not zero"),
+    (lambda: DirectionalLight((0, np.nan, 0)), "direction: got nan, expected finite numbers"),
+    (lambda: ConvexBody(np.zeros((2, 4))), "normals that are not zero"),
+    (lambda: ConvexBody.box((0, 0, 0), (1, -1, 1)), "upper: got -1.0, expected at least the lower corner"),
+    (lambda: ConvexBody(np.eye(4), "axis"), "measure: got 'axis'"),
+    (lambda: PointReceivers(np.zeros(3)), r"points: got shape \(3,\), expected \(N, 3\)"),
+    (lambda: PointReceivers(np.zeros((2, 3)), [1.0]), r"weights: got shape \(1,\), expected \(2,\)"),
+    (lambda: PointReceivers(np.zeros((2, 3)), [1.0, -1.0]), "weights: got -1.0"),
+    (lambda: DepthBuffer(np.zeros(4)), r"depth: got shape \(4,\), expected \(height, width\)"),
+    (lambda: DepthBuffer([[1.0, np.inf]]), "depth: got inf, expected finite eye depths"),
+    (lambda: DepthBuffer([[1.0, np.nan]], "standard"), r"depth: got nan, expected numbers in \[0, 1\]"),
+    (lambda: DepthBuffer([[1.0]], "log"), "encoding: got 'log'"),
+    (lambda: DepthHistogram([1.0, 2.0], [1.0, 2.0]), r"counts: got shape \(2,\) with edges \(2,\)"),
+    (lambda: DepthHistogram([2.0, 1.0], [1.0]), "edges: got 2.0, expected increasing depths"),
+    (lambda: scene_warp(CAMERA, LIGHT, norm=1.7), r"order 1.7, expected one with \(2 alpha \+ beta\) order an integer"),
+    (lambda: scene_warp(CAMERA, LIGHT, min_eta=0.0), "min_eta: got 0.0"),
+    (lambda: warpopt.shadow_matrix(CAMERA, LIGHT, WholeFrustum(), warpopt.Warp.from_eta(1.0, 1.0), casters=[1.0]),
+     r"casters: got shape \(1,\)"),
+])  # fmt: skip
+def test_bad_input_is_named(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+def test_a_view_matrix_is_its_camera():
+    """OpenGL's and Direct3D's matrices of one pose give the camera made from vectors."""
+    rotation, position = np.asarray(CAMERA.rotation), np.asarray(CAMERA.position)
+    gl, d3d = np.eye(4), np.eye(4)
+    gl[:3, :3] = rotation * np.array([[1], [1], [-1]])
+    d3d[:3, :3] = rotation
+    points = np.random.default_rng(1).normal(size=(5, 3))
+    for view, looks in ((gl, "-z"), (d3d, "+z")):
+        view[:3, 3] = -view[:3, :3] @ position
+        camera = Camera.from_view_matrix(view, 0.5, 80.0, 0.5, 1.4, looks_along=looks)
+        np.testing.assert_allclose(camera.to_eye(points), CAMERA.to_eye(points), atol=1e-13)
+    off = Camera.off_centre(position, rotation[2], rotation[1], 0.5, 80.0, tuple(np.asarray(CAMERA.window)))
+    np.testing.assert_allclose(off.planes(), CAMERA.planes(), atol=1e-14)
+    left = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1, 2, 0.5, handedness="left")
+    np.testing.assert_allclose(left.to_eye((1.0, 2.0, 3.0)), [1, 2, 3])
