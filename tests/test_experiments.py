@@ -65,6 +65,15 @@ def test_what_is_not_asked_for_is_measured(tmp_path):
     assert all(s["saving"] in text for s in savings)
 
 
+def test_scene_receivers_are_measured(tmp_path):
+    """It runs; the histogram's warp is never better than the buffer's own, and far better than none."""
+    run("scene_receivers.py", "--short", "--directory", str(tmp_path))
+    summary = json.loads((tmp_path / "receivers.json").read_text())
+    assert all(row["ms"] > 0 for row in summary["buffer"] + summary["bodies"])
+    for row in summary["histogram_regret"]:
+        assert -1e-9 < row["histogram"] < row["no warp"]
+
+
 @pytest.mark.parametrize(("metric", "order"), [("p", 2.0), ("pxq", 1.0), ("q", math.inf)])
 def test_the_experiments_reference_agrees_with_raw_geometry(metric, order):
     """reference.py shares the derivation with the package; the twin shares nothing. To 30 digits of 50."""

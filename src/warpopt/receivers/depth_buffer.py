@@ -21,7 +21,7 @@ from .points import BINS, Groups, bin_of, from_groups, with_moments
 Encoding = Literal["linear", "standard", "reversed"]
 # Sorting into bins costs about as much for one value as all else for ten, so large buffers are first reduced to this
 # many cells, runs of pixels in a row, along which depth varies least.
-_CELLS = 262_144
+_CELLS = 131_072
 
 
 class DepthBuffer(eqx.Module):
@@ -74,7 +74,7 @@ class DepthBuffer(eqx.Module):
     def footprint(self, camera: Camera, frame: LightFrame, norm: ErrorNorm) -> Footprint:
         """See `Receivers`. One pass for extents, cell by cell, and one for moments."""
         z = self.eye_depth(camera)
-        d, x, h = (z_times(axis, z, camera) for axis in (frame.z_axis, frame.x_axis, frame.light))
+        d, x, h = (_along(axis, z, camera) for axis in (frame.z_axis, frame.x_axis, frame.light))
         cells = Groups(*(_by_cells(v, least) for v in (d, x, h) for least in (True, False)), _by_cells(z, True))
         there = jnp.isfinite(cells.z)
         start = jnp.where(there, cells.least_depth, jnp.inf).min()
@@ -84,20 +84,31 @@ class DepthBuffer(eqx.Module):
         if norm.supremum:
             return footprint
         unit = jnp.where(footprint.empty, 1, cells.z.min())
-        seen = jnp.isfinite(z)
-        delta = jnp.where(seen & ~footprint.flat, (d - footprint.start) / footprint.mu, 0)
-        depth = Depth(jnp.clip(delta, 0, 1), 1 - jnp.clip(delta, 0, 1))
-        return with_moments(footprint, depth, jnp.where(seen, z, unit) / unit, seen.astype(z.dtype), unit, norm)
+        across, up = _slopes(z, camera)
+
+        def receivers_of(row: tuple[Array, Array]) -> tuple[Depth, Array, Array]:
+            z, up = row
+            seen = jnp.isfinite(z)
+            z = jnp.where(seen, z, unit)
+            d = z * (frame.z_axis[0] * across + (frame.z_axis[1] * up + frame.z_axis[2]))
+            return footprint.share(d), z / unit, seen.astype(z.dtype)
+
+        return with_moments(footprint, (z, up), receivers_of, unit, norm)
 
 
-def z_times(axis: Array, z: Array, camera: Camera) -> Array:
-    """axis . c for every pixel; 0 for background."""
+def _slopes(z: Array, camera: Camera) -> tuple[Array, Array]:
+    """(x/z of each column, y/z of each row) at the pixels' centres."""
     left, right, bottom, top = camera.window
     height, width = z.shape
-    across = left + (right - left) * (np.arange(width) + 0.5) / width
-    up = top - (top - bottom) * (np.arange(height) + 0.5) / height
-    slopes = axis[0] * across.astype(z.dtype) + (axis[1] * up.astype(z.dtype) + axis[2])[:, None]
-    return jnp.where(jnp.isfinite(z), slopes * z, jnp.nan)
+    columns, rows = ((np.arange(size) + 0.5) / size for size in (width, height))
+    return left + (right - left) * columns.astype(z.dtype), top - (top - bottom) * rows.astype(z.dtype)
+
+
+def _along(axis: Array, z: Array, camera: Camera) -> Array:
+    """axis . c for every pixel; NaN for background."""
+    across, up = _slopes(z, camera)
+    slopes = axis[0] * across + (axis[1] * up + axis[2])[:, None]
+    return jnp.where(jnp.isfinite(z), slopes * jnp.where(jnp.isfinite(z), z, 0), jnp.nan)
 
 
 def _by_cells(values: Array, least: bool) -> Array:

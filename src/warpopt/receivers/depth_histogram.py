@@ -9,7 +9,6 @@ from .._checks import checked, float_arrays
 from ..theory.camera import Camera
 from ..theory.error_norm import ErrorNorm
 from ..theory.light_frame import LightFrame
-from ..theory.light_space import Depth
 from .footprint import Footprint
 from .points import Groups, from_groups, with_moments
 from .view_frustum import window_nodes
@@ -70,8 +69,7 @@ class DepthHistogram(eqx.Module):
         t, w = unit_nodes(degree // 2 + 8, edges.dtype)  # a bin's z ratio of 10 still leaves 1e-10 of the integral
         inner = edges[:-1, None] + jnp.diff(edges)[:, None] * t
         d = (points @ frame.z_axis)[:, None, None] * inner
-        delta = jnp.clip((d - footprint.start) / footprint.mu, 0, 1)
         mass = jnp.where(there, self.counts, 0)[:, None] * w * weights[:, None, None]
         unit = jnp.where(footprint.empty, 1, z.min())
-        safe = jnp.where(there[:, None], inner, unit) / unit
-        return with_moments(footprint, Depth(delta, 1 - delta), safe, mass, unit, norm)
+        rows = d, jnp.broadcast_to(jnp.where(there[:, None], inner, unit), d.shape), mass
+        return with_moments(footprint, rows, lambda row: (footprint.share(row[0]), row[1] / unit, row[2]), unit, norm)

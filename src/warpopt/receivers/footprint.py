@@ -77,6 +77,12 @@ class Footprint(eqx.Module):
         depth = Depth((d - self.start) / self.mu, (self.start + self.mu - d) / self.mu)
         return depth, frame.lateral(eye_points) - self.axis, eye_points[..., 2]
 
+    def share(self, d: Float[Array, "..."]) -> Depth:
+        """delta and 1 - delta of receivers at Z_w . c = d, neither below 0."""
+        delta = jnp.where(self.flat, 0, (d - self.start) / self.mu)
+        rest = jnp.where(self.flat, 1, (self.start + self.mu - d) / self.mu)
+        return Depth(*(jnp.where(v > 0, v, 0) for v in (delta, rest)))
+
     def at_best(self) -> "Footprint":
         """What the same groups would be if each receiver had its group's other depth: a bound from below.
 
