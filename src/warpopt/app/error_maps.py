@@ -10,62 +10,83 @@ from .scene_solve import Mapping
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Seen:
-    """What the camera sees.
+    """Receivers on a grid of pixels.
 
     Attributes:
-        depths: (K, height, width) eye depths of receivers at each pixel, inf for none. K is 1 for surfaces, and 2 for
-            bodies: where the pixel's ray enters and leaves. Along a ray the errors are largest at one of its ends:
-            A^2/z is convex in z for A linear in z, A/z monotonic, and A^3/z^2 has no inner maximum where A > 0.
+        depth: (height, width) eye depths, inf for none.
         slopes: (height, width, 3): eye coordinates over z.
+        extent: of a section: (least z, largest z, least slope, largest slope). None for an image.
     """
 
-    depths: np.ndarray
+    depth: np.ndarray
     slopes: np.ndarray
+    extent: tuple[float, float, float, float] | None = None
 
 
-def slopes_of(camera: SceneCamera, height: int, width: int) -> np.ndarray:
-    across, up = camera.slopes(height, width)
-    return np.stack([*np.broadcast_arrays(across, up[:, None]), np.ones((height, width))], -1)
+def image_of(camera: SceneCamera, depth: np.ndarray) -> Seen:
+    """What the camera sees, from an image of eye depths, inf for background."""
+    across, up = camera.slopes(*depth.shape)
+    slopes = np.stack([*np.broadcast_arrays(across, up[:, None]), np.ones(depth.shape)], -1)
+    return Seen(depth, slopes)
 
 
-def seen_surfaces(camera: SceneCamera, z: np.ndarray) -> Seen:
-    """Of an image of eye depths, inf for background."""
-    return Seen(z[None], slopes_of(camera, *z.shape))
+def section_of(camera: SceneCamera, planes: np.ndarray, mapping: Mapping, height: int, width: int) -> Seen:
+    """The view frustum, within world half-spaces (K, 4), from the side: log z across, the light from above.
 
+    Rows are slopes along the screen's image of Z_w. Errors do not vary across it, so that nothing is left out: a point
+    is a receiver if any across it is.
+    """
+    # Half-spaces in eye coordinates, normal . c + offset >= 0: of the window's edges, then the body's.
+    left, right, bottom, top = camera.window
+    normals = np.concatenate(
+        [np.array([[1, 0, -left], [-1, 0, right], [0, 1, -bottom], [0, -1, top]]), planes[:, :3] @ camera.rotation.T]
+    )
+    offsets = np.concatenate([np.zeros(4), planes[:, 3] + planes[:, :3] @ camera.position])
+    x_axis = mapping.x_axis
+    along = np.array([-x_axis[1], x_axis[0], 0.0])
+    along = along if along @ mapping.light <= 0 else -along
+    corners = np.array([(x, y, 0) for x in (left, right) for y in (bottom, top)]) @ along
+    u = np.linspace(corners.max(), corners.min(), 2 * height + 1)[1::2, None]
 
-def seen_body(camera: SceneCamera, planes: np.ndarray, width: int) -> Seen:
-    """Of the intersection of the view frustum with world half-spaces (K, 4)."""
-    slopes = slopes_of(camera, max(1, round(width / camera.aspect)), width)
-    start, end = np.full(slopes.shape[:2], camera.near), np.full(slopes.shape[:2], camera.far)
-    for plane in planes:
-        normal = camera.rotation @ plane[:3]
-        offset = plane[3] + plane[:3] @ camera.position
-        towards = slopes @ normal
-        with np.errstate(divide="ignore", invalid="ignore"):
-            at = -offset / towards
-        start = np.where(towards > 0, np.maximum(start, at), start)
-        end = np.where(towards < 0, np.minimum(end, at), end)
-        end = np.where((towards == 0) & (offset < 0), -np.inf, end)
-    hit = start < end
-    return Seen(np.stack([np.where(hit, start, np.inf), np.where(hit, end, np.inf)]), slopes)
+    def inside(z: np.ndarray) -> np.ndarray:
+        # Each half-space bounds the slope w across: (normal . x_axis) w + rest >= 0.
+        least, most = np.full((height, len(z)), -np.inf), np.full((height, len(z)), np.inf)
+        for normal, offset in zip(normals, offsets, strict=True):
+            rest = normal @ along * u + normal[2] + offset / z
+            factor = normal @ x_axis
+            if abs(factor) < 1e-12:
+                least = np.where(rest < 0, np.inf, least)
+            elif factor > 0:
+                least = np.maximum(least, -rest / factor)
+            else:
+                most = np.minimum(most, -rest / factor)
+        return least < most
+
+    edges = np.geomspace(camera.near, camera.far, 2 * width + 1)
+    filled = np.flatnonzero(inside(edges[1::2]).any(0))
+    if len(filled):
+        edges = np.geomspace(edges[2 * filled[0]], edges[2 * filled[-1] + 2], 2 * width + 1)
+    z = edges[1::2]
+    depth = np.where(inside(z), z, np.inf)
+    slopes = u[..., None] * along + np.zeros((1, width, 1)) + np.array([0.0, 0.0, 1.0])
+    return Seen(depth, slopes, (float(edges[0]), float(edges[-1]), float(corners.min()), float(corners.max())))
 
 
 def errors(mapping: Mapping, seen: Seen, metric: str, warped: bool) -> np.ndarray:
-    """(height, width): the error at each pixel, the largest along its ray; NaN where there is none.
+    """(height, width): the error of each receiver; NaN where there is none.
 
     E_p = density_p mu A^2 / (z eta) and E_q = density_q width A / z, with A = (1 - delta) eta + delta.
     """
     eta, width = (mapping.eta, mapping.width) if warped else (1.0, mapping.plain_width)
-    there = np.isfinite(seen.depths)
-    z = np.where(there, seen.depths, 1)
+    there = np.isfinite(seen.depth)
+    z = np.where(there, seen.depth, 1)
     delta = np.clip((z * (seen.slopes @ mapping.z_axis) - mapping.start) / mapping.mu, 0, 1)
     blend = (1 - delta) * eta + delta
     density_p, density_q = mapping.densities
     e_p = density_p * mapping.mu * blend**2 / (z * eta)
     e_q = density_q * width * blend / z
     error = {"p": e_p, "q": e_q, "pxq": e_p * e_q, "max": np.maximum(e_p, e_q)}[metric]
-    largest = np.where(there, error, -np.inf).max(0)
-    return np.where(there.any(0), largest, np.nan)
+    return np.where(there, error, np.nan)
 
 
 def shading(seen: Seen, light: np.ndarray) -> np.ndarray:
@@ -73,17 +94,16 @@ def shading(seen: Seen, light: np.ndarray) -> np.ndarray:
 
     A pixel's normal is of the steps to that neighbour, on each axis, which is the nearer in depth: edges stay sharp.
     """
-    z = seen.depths[-1]
-    points = np.where(np.isfinite(z), z, np.nan)[..., None] * seen.slopes
+    there = np.isfinite(seen.depth)
+    points = np.where(there, seen.depth, np.nan)[..., None] * seen.slopes
     normal = np.cross(_step(points, 1), _step(points, 0))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+    size = np.linalg.norm(normal, axis=-1, keepdims=True)
+    normal = normal / np.where(size > 0, size, 1)
     facing = np.where((normal * seen.slopes).sum(-1) > 0, -1, 1)
     lit = np.clip(-(normal @ light) * facing, 0, 1)
     # A little light from the eye, so that what is turned away keeps its shape.
-    ambient = 0.12 + 0.1 * np.abs(normal[..., 2])
-    shade = ambient + 0.78 * lit
-    return np.where(np.isfinite(z), np.nan_to_num(shade, nan=0.2), np.nan)
+    shade = 0.12 + 0.1 * np.abs(normal[..., 2]) + 0.78 * lit
+    return np.where(there, np.nan_to_num(shade, nan=0.2), np.nan)
 
 
 def _step(points: np.ndarray, axis: int) -> np.ndarray:

@@ -52,9 +52,9 @@ def _view_matrix(value: Any) -> Any:
     if not all(_is_number(v) and math.isfinite(v) for row in rows for v in row):
         raise ValueError("expected finite numbers")
     matrix = np.array(rows, float)
-    if abs(np.linalg.det(matrix / max(np.abs(matrix).max(), 1e-300))) < 1e-15:
+    turn = matrix[:3, :3]  # the translation may be large, and has no part in it
+    if abs(np.linalg.det(turn / max(np.abs(turn).max(), 1e-300))) < 1e-12:
         raise ValueError("expected a matrix that is not singular")
-    turn = matrix[:3, :3]
     if np.abs(turn @ turn.T - np.eye(3)).max() > _RIGID or np.abs(matrix[3] - [0, 0, 0, 1]).max() > _RIGID:
         raise ValueError(
             "expected a rigid world-to-eye matrix for column vectors: orthonormal rows and (0, 0, 0, 1) last"

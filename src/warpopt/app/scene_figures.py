@@ -7,18 +7,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 import warpopt
 
 from . import figure_style as style
-from .error_maps import Seen, errors, seen_body, seen_surfaces, shading
+from .error_maps import Seen, errors, image_of, section_of, shading
 from .scene_config import SceneConfig
 from .scene_input import SceneInput
 from .scene_solve import Solved
 
 MOST_MAPS = 12
 _DPI = 160
-_WIDTH = 480  # pixels of a picture that no image sets
+_SECTION = (270, 480)  # rows and columns
 _SKY = "#dfe5ea"
 _NAMES = {**style.METRIC_LABELS, "max": r"$\max(E_p, E_q)$"}
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
@@ -40,36 +41,37 @@ def write_scene_figures(
     chosen = drawable
     if len(drawable) > MOST_MAPS:
         chosen = [drawable[i] for i in np.linspace(0, len(drawable) - 1, MOST_MAPS).round().astype(int)]
-    views: dict[int, Seen] = {}
     for s in chosen:
-        if s.camera not in views:
-            views[s.camera] = _seen(config, scene, s.camera)
-        seen = views[s.camera]
-        if not np.isfinite(seen.depths).any():
+        seen = seen_of(config, scene, s)
+        if not np.isfinite(seen.depth).any():
             continue  # a body between two pixels' centres
         norm = s.norm.replace(".", "_")
         stem = f"error_map_camera{s.camera}_light{s.light}_{s.metric}_{norm}"
         error_map(config, seen, s).savefig(folder / f"{stem}.png", dpi=_DPI)
-        caption = f"Error at each pixel, {s.title}."
+        where = "pixel" if seen.extent is None else "point of a section along the light"
+        hours = [f"{step.hour:.4g}" for step in scene.steps if step.light == s.light and step.hour is not None]
+        when = f", at {style.listed(hours)} h" if hours else ""
+        caption = f"Error at each {where}, {s.title}{when}."
         if len(drawable) > MOST_MAPS:
             caption += f" One of {MOST_MAPS} pictures, evenly chosen from {len(drawable)} problems."
         figures.append((stem, caption))
     return figures
 
 
-def _seen(config: SceneConfig, scene: SceneInput, i: int) -> Seen:
-    camera = scene.cameras[i]
+def seen_of(config: SceneConfig, scene: SceneInput, s: Solved) -> Seen:
+    """The image where there is one, else a section along the light: bodies have no surface to show."""
+    camera = scene.cameras[s.camera]
     asked = config.receivers
     if scene.depths:
-        z = _eye_depth(scene.depths[i], scene.encoding, camera.near, camera.far)
-        return seen_surfaces(camera, z)
+        z = _eye_depth(scene.depths[s.camera], scene.encoding, camera.near, camera.far)
+        return image_of(camera, z)
     planes = np.zeros((0, 4))
     if asked.box is not None:
         eye = np.eye(3)
         planes = np.concatenate([np.c_[eye, -np.array(asked.box.lower)], np.c_[-eye, np.array(asked.box.upper)]])
     elif asked.planes is not None:
         planes = np.array(asked.planes.planes)
-    return seen_body(camera, planes, _WIDTH)
+    return section_of(camera, planes, s.mapping, *_SECTION)
 
 
 def _eye_depth(value: np.ndarray, encoding: str, near: float, far: float) -> np.ndarray:
@@ -88,15 +90,15 @@ def error_map(config: SceneConfig, seen: Seen, s: Solved) -> Figure:
     both = np.concatenate([best[np.isfinite(best)], plain[np.isfinite(plain)]])
     low, high = np.quantile(both, 0.005), both.max()
     low = max(min(low, high / 1.5), high * 1e-5)
+    section = seen.extent is not None
     rows, columns = best.shape
     width = min(3.4, 3.4 * columns / rows)
     height = width * rows / columns
-    shaded = config.receivers.whole_frustum is None  # which has no surface
-    panels = 3 if shaded else 2
-    left, top, gap = 0.12, 0.5, 0.1
-    figure = style.new_figure(left + panels * (width + gap) + 0.95, top + height + 0.12)
+    panels = 2 if section else 3
+    left, top, gap = (0.7 if section else 0.12), 0.5, (0.3 if section else 0.1)
+    figure = style.new_figure(left + panels * (width + gap) + 0.95, top + height + (0.55 if section else 0.12))
     places = [style.place(figure, left + i * (width + gap), top, width, height) for i in range(panels)]
-    if shaded:
+    if not section:
         _panel(places[0])
         places[0].imshow(_tinted(shading(seen, s.mapping.light)), aspect="auto", interpolation="antialiased")
         _title(places[0], "What the camera sees", f"light at θ = {s.row['theta_deg']:.0f}° to the view")
@@ -108,7 +110,13 @@ def error_map(config: SceneConfig, seen: Seen, s: Solved) -> Figure:
     scale = LogNorm(low, high)
     for axes, error, title in zip(places[-2:], (best, plain), titles, strict=True):
         image = _map(axes, error, scale, config.objective.screen is not None)
+        if section:
+            _section_axes(axes, seen.extent, error.shape)
         _title(axes, *title)
+    if section:
+        places[1].tick_params(labelleft=False)
+        words = f"slope towards the light (θ = {s.row['theta_deg']:.0f}°)"
+        style.beside(places[0], words, (0, 0.5), (-40, 0), rotation=90)
     bar = style.place(figure, left + panels * (width + gap) + 0.02, top, 0.13, height)
     figure.colorbar(image, cax=bar)
     style.log_axis(bar, (low, high))
@@ -121,7 +129,7 @@ def error_map(config: SceneConfig, seen: Seen, s: Solved) -> Figure:
 
 
 def _worst(s: Solved, key: str, error: np.ndarray) -> str:
-    worst = f"worst pixel {np.nanmax(error):.3g}"
+    worst = f"at worst {np.nanmax(error):.3g}"
     return worst if s.norm == "inf" else f"{style.norm_label(s.norm)} norm {s.row[key]:.3g}, {worst}"
 
 
@@ -151,6 +159,22 @@ def _map(axes: Axes, error: np.ndarray, scale: LogNorm, pixels: bool):
     axes.set_xlim(-0.5, error.shape[1] - 0.5)
     axes.set_ylim(error.shape[0] - 0.5, -0.5)
     return image
+
+
+def _section_axes(axes: Axes, extent: tuple[float, float, float, float], shape: tuple[int, int]) -> None:
+    """Ticks in eye depth, on a log scale, and in slopes; the image itself counts pixels."""
+    first, last, low, high = extent
+    rows, columns = shape
+    decades = range(int(np.floor(np.log10(first))), int(np.ceil(np.log10(last))) + 1)
+    steps = (1, 2, 5) if last / first < 1000 else (1,)
+    depths = [step * 10.0**k for k in decades for step in steps if first <= step * 10.0**k <= last * (1 + 1e-12)]
+    at = [np.log(z / first) / np.log(last / first) * columns - 0.5 for z in depths]
+    axes.set_xticks(at, [style.power_text(z) for z in depths])
+    slopes = [v for v in MaxNLocator(5).tick_values(low, high) if low <= v <= high]
+    axes.set_yticks(
+        [(high - v) / (high - low) * rows - 0.5 for v in slopes], [f"{v:.3g}".replace("-", "−") for v in slopes]
+    )
+    style.beside(axes, "eye depth", (0.5, 0), (0, -24))
 
 
 def _tinted(shade: np.ndarray) -> np.ndarray:
@@ -206,7 +230,8 @@ def path_figure(config: SceneConfig, scene: SceneInput, solved: list[Solved]) ->
     style.beside(lower, "solar time (hours)" if sun else "step of the light's path", (0.5, 0), (0, -24))
     style.legend_at(figure, 4.95, 0.3, handles, "optimal warp")
     style.write_at(figure, 4.95, 2.4, "solid: optimal warp\ndotted: no warp", va="top", color=style.MUTED, fontsize=8)
-    style.write_at(figure, 4.95, 1.75, "η = 1: no warp", va="top", color=style.MUTED, fontsize=8)
+    upper.axhline(1, color=style.MUTED, linewidth=0.9, linestyle=(0, (1, 1.4)), zorder=1)
+    upper.annotate("no warp", (x.max(), 1), xytext=(0, 3), textcoords="offset points", ha="right", color=style.MUTED)
     return figure
 
 

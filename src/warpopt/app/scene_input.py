@@ -63,7 +63,7 @@ def read_scene(config: SceneConfig, folder: Path) -> SceneInput:
     made = receivers.gltf or receivers.landscape
     if made is not None:
         triangles = _triangles(config, folder)
-        casters = np.unique(triangles.reshape(-1, 3), axis=0)
+        casters = triangles.reshape(-1, 3)
         sizes = [(max(1, round(made.width / camera.aspect)), made.width) for camera in distinct]
         depths = [rasterise(triangles, camera, *size) for camera, size in zip(distinct, sizes, strict=True)]
     elif receivers.box is not None:

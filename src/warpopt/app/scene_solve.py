@@ -46,7 +46,7 @@ class Mapping:
     """A warped shadow map as far as its errors are concerned, in plain numbers.
 
     Attributes:
-        z_axis: Z_w in eye coordinates.
+        x_axis, z_axis: X_w and Z_w in eye coordinates.
         light: the light's direction in eye coordinates.
         start, mu: of the footprint.
         densities: (density_p, density_q) of the light frame.
@@ -54,6 +54,7 @@ class Mapping:
         width, plain_width: what the map spans across, with the warp and without.
     """
 
+    x_axis: np.ndarray
     z_axis: np.ndarray
     light: np.ndarray
     start: float
@@ -68,13 +69,14 @@ def solve_scene(config: SceneConfig, scene: SceneInput, progress: Callable[[str]
     """Every metric and norm that was asked for, over every distinct camera and light."""
     cameras = [_camera(camera) for camera in scene.cameras]
     receivers = [_receivers(config, scene, i) for i in range(len(cameras))]
+    casters = None if scene.casters is None else jax.numpy.asarray(scene.casters)  # once on the device
     solved = []
     for metric in config.objective.metrics:
         for norm in config.objective.norms:
             for i, camera in enumerate(cameras):
                 for k, direction in enumerate(scene.lights):
                     light = warpopt.DirectionalLight(direction)
-                    solved.append(_solved(config, scene, camera, receivers[i], light, (i, k), metric, norm))
+                    solved.append(_solved(config, scene, camera, receivers[i], light, casters, (i, k), metric, norm))
                     progress(solved[-1].title)
     return solved
 
@@ -103,7 +105,7 @@ def _receivers(config: SceneConfig, scene: SceneInput, i: int):
     return warpopt.WholeFrustum(asked.whole_frustum.measure)
 
 
-def _solved(config, scene, camera, receivers, light, place, metric, norm) -> Solved:
+def _solved(config, scene, camera, receivers, light, casters, place, metric, norm) -> Solved:
     objective = config.objective
     solution = warpopt.scene_warp(
         camera,
@@ -118,10 +120,11 @@ def _solved(config, scene, camera, receivers, light, place, metric, norm) -> Sol
     )
     outcome = warpopt.Outcome(int(solution.result))
     convention = clip_space(config)
-    matrix, width, plain_width = _rendering(camera, light, solution, scene.casters, convention)
+    matrix, width, plain_width = _rendering(camera, light, solution, casters, convention)
     matrix = np.asarray(matrix)
     frame, footprint = solution.frame, solution.footprint
     mapping = Mapping(
+        np.asarray(frame.x_axis),
         np.asarray(frame.z_axis),
         np.asarray(frame.light),
         float(footprint.start),

@@ -29,8 +29,6 @@ def read_triangles(path: Path) -> np.ndarray:
         ) from None
     try:
         scene = trimesh.load_scene(str(path))
-    except OSError:
-        raise
     except Exception as error:  # whatever a broken file makes the loader stumble over
         raise ValueError(f"{path}: cannot be read as glTF: {type(error).__name__}: {error}") from None
     parts = []

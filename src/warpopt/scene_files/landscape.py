@@ -2,7 +2,7 @@
 
 import numpy as np
 
-_OCTAVES = 6
+_OCTAVES = 7
 
 
 def landscape(seed: int, size: float, relief: float, cells: int) -> np.ndarray:
@@ -22,7 +22,7 @@ def landscape(seed: int, size: float, relief: float, cells: int) -> np.ndarray:
     height = 0.18 * np.sin(7 * x + 2.1 * np.sin(5 * z)) + 0.12 * np.cos(9 * z - 4 * x)
     for octave in range(_OCTAVES):
         points = 4 * 2**octave
-        height += 0.55 * 0.48**octave * _value_noise(random, points, x, z)
+        height += 0.55 * 0.5**octave * _value_noise(random, points, x, z)
     bend = 0.07 * np.sin(6.0 * z + random.uniform(0, 2 * np.pi))
     valley = 1 - np.exp(-(((x - bend) / 0.16) ** 2))
     height = (height - height.min()) / np.ptp(height)
