@@ -4,6 +4,7 @@ import base64
 import csv
 import json
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -248,6 +249,15 @@ def test_gltf_nodes_and_camera_are_honoured(folder):
     np.testing.assert_allclose(depth, np.where(hit, z, 0), rtol=1e-6)
 
 
+def test_what_hangs_on_a_camera_is_read(folder):
+    held = gltf(extra_nodes=[{"mesh": 0, "translation": [0, 0, -3], "scale": [0.1, 1, 0.2]}])
+    held["nodes"][3]["children"] = [4]
+    Path("held.gltf").write_text(json.dumps(held))
+    triangles = read_triangles(Path("held.gltf"))
+    points = triangles[triangles[:, 0, 1] > 4].reshape(-1, 3)  # at the camera's height
+    np.testing.assert_allclose([points.min(0), points.max(0)], [[-0.1, 5, -7.2], [0.1, 5, -6.8]], atol=1e-7)
+
+
 def test_a_binary_gltf_and_a_camera_of_the_configuration(folder):
     import trimesh
 
@@ -290,6 +300,19 @@ def test_a_view_matrix_is_the_camera_that_it_is_of(folder):
     one, other = (run(toml(BOX, camera=camera))["problems"][0] for camera in (flat, matrix))
     assert one["eta"] == other["eta"]
     assert one["matrix"] == other["matrix"]
+    # Far from the world's origin too, and with the few digits that a program prints.
+    turned = "view_matrix = [[0.8, 0, 0.60001, -1e6], [0, 1, 0, 0], [-0.6, 0, 0.8, 2e6], [0, 0, 0, 1]]\n" + common
+    camera = SceneConfig.model_validate(tomllib.loads(toml(BOX, camera=turned))).camera[0].scene_camera("right", 1)
+    np.testing.assert_allclose(camera.rotation @ camera.rotation.T, np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(camera.position, [2e6, 0, -1e6], rtol=1e-4)
+
+
+def test_overrides_reach_the_only_camera(folder, capsys):
+    text = toml(BOX, light="path = [[0, -1, 0]]").replace("[camera]", "[[camera]]")
+    assert run(text, "--camera.near", "2", "--output.reversed-z", "true")["cameras"][0]["near"] == 2
+    Path("scene.toml").write_text(f"[[camera]]\n{CAMERA}\n" + text)
+    assert invoke("scene.toml", "--camera.near", "2") == 2
+    assert "got 2 tables [[camera]], expected one" in capsys.readouterr().err
 
 
 def test_nothing_seen_is_an_outcome(folder):

@@ -248,13 +248,12 @@ def _overridden(data: dict[str, Any], overrides: list[str]) -> dict[str, Any]:
         *sections, key = name.replace("-", "_").split(".")
         target = data
         for section in sections:
-            if (
-                isinstance(target.get(section), list)
-                and len(target[section]) == 1
-                and isinstance(target[section][0], dict)
-            ):
-                target = target[section][0]  # the only one of [[section]]
-                continue
+            match target.get(section):
+                case [dict() as only]:  # the only one of [[section]]
+                    target = only
+                    continue
+                case [dict(), *_] as several:
+                    raise ConfigError(f"--{name}: got {len(several)} tables [[{section}]], expected one to override")
             if not isinstance(target.get(section, {}), dict):
                 target[section] = {}
             target = target.setdefault(section, {})

@@ -88,7 +88,7 @@ def error_map(config: SceneConfig, seen: Seen, s: Solved) -> Figure:
     """The scene, its error with the optimal warp and without one, on one colour scale."""
     best, plain = (errors(s.mapping, seen, s.metric, warped) for warped in (True, False))
     both = np.concatenate([best[np.isfinite(best)], plain[np.isfinite(plain)]])
-    low, high = np.quantile(both, 0.005), both.max()
+    low, high = np.quantile(both, 0.005), both.max() or 1.0  # E_q of receivers without width is 0
     low = max(min(low, high / 1.5), high * 1e-5)
     section = seen.extent is not None
     rows, columns = best.shape

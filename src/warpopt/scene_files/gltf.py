@@ -3,6 +3,7 @@
 trimesh drops a camera's near and far planes and the transforms of its parent nodes, so it is asked for neither.
 """
 
+import io
 import json
 import struct
 from pathlib import Path
@@ -12,6 +13,9 @@ import numpy as np
 
 from .scene_camera import SceneCamera, centred_window, unit
 
+_GLB_MAGIC = b"glTF"
+_JSON_CHUNK = 0x4E4F534A  # "JSON"
+
 
 def read_triangles(path: Path) -> np.ndarray:
     """All triangles of a `.gltf` or `.glb` file in world space, (N, 3, 3), its nodes' transforms applied.
@@ -20,24 +24,29 @@ def read_triangles(path: Path) -> np.ndarray:
         ValueError: for what is no such file, one without a triangle, or vertices that are not finite.
         OSError: for a file that cannot be read.
     """
-    gltf_json(path)
+    data, binary = _parts(path)
     try:
         import trimesh
     except ImportError:
         raise ValueError(
             f"{path}: got a glTF file, expected the package trimesh to read it with: pip install 'warpopt[scene]'"
         ) from None
+    parts = []
     try:
-        scene = trimesh.load_scene(str(path))
+        # trimesh loses what hangs on a node with a camera.
+        for node in data.get("nodes", []):
+            node.pop("camera", None)
+        file = io.BytesIO(_packed(data, binary))
+        resolver = trimesh.resolvers.FilePathResolver(str(path))
+        scene = trimesh.load_scene(file, file_type="glb" if binary is not None else "gltf", resolver=resolver)
+        for node in scene.graph.nodes_geometry:
+            transform, name = scene.graph[node]
+            geometry = scene.geometry[name]
+            if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
+                corners = np.asarray(geometry.vertices, float)[np.asarray(geometry.faces)]
+                parts.append(corners @ transform[:3, :3].T + transform[:3, 3])
     except Exception as error:  # whatever a broken file makes the loader stumble over
         raise ValueError(f"{path}: cannot be read as glTF: {type(error).__name__}: {error}") from None
-    parts = []
-    for node in scene.graph.nodes_geometry:
-        transform, name = scene.graph[node]
-        geometry = scene.geometry[name]
-        if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
-            corners = np.asarray(geometry.vertices, float)[np.asarray(geometry.faces)]
-            parts.append(corners @ transform[:3, :3].T + transform[:3, 3])
     if not parts:
         raise ValueError(f"{path}: got no triangle, expected a node with a mesh of triangles")
     triangles = np.concatenate(parts)
@@ -58,7 +67,7 @@ def read_camera(path: Path, index: int, aspect: float | None, far: float | None)
         ValueError: for a file without this camera, or one that is not a complete perspective.
         OSError: for a file that cannot be read.
     """
-    data = gltf_json(path)
+    data, _ = _parts(path)
     try:
         found = _camera_nodes(data)
         if index >= len(found):
@@ -90,24 +99,34 @@ def read_camera(path: Path, index: int, aspect: float | None, far: float | None)
     return SceneCamera(world[:3, 3], rotation, near, float(far), centred_window(half_fov, aspect or 1.0))
 
 
-def gltf_json(path: Path) -> dict[str, Any]:
-    """The JSON part of a glTF file.
+def _parts(path: Path) -> tuple[dict[str, Any], bytes | None]:
+    """The JSON of a glTF file, and for `.glb` the chunks after it.
 
     Raises:
         ValueError: for what is neither `.gltf` nor `.glb`.
         OSError: for a file that cannot be read.
     """
-    raw = path.read_bytes()
+    raw, binary = path.read_bytes(), None
     try:
-        if raw[:4] == b"glTF":
+        if raw[:4] == _GLB_MAGIC:
             (length,) = struct.unpack("<I", raw[12:16])
-            raw = raw[20 : 20 + length]
+            raw, binary = raw[20 : 20 + length], raw[20 + length :]
         data = json.loads(raw)
     except (ValueError, struct.error):
         data = None
     if not isinstance(data, dict) or not isinstance(data.get("asset"), dict):
         raise ValueError(f"{path}: got a file that is not glTF, expected .gltf or .glb of version 2")
-    return data
+    return data, binary
+
+
+def _packed(data: dict[str, Any], binary: bytes | None) -> bytes:
+    """The inverse of `_parts`."""
+    text = json.dumps(data).encode()
+    if binary is None:
+        return text
+    text += b" " * (-len(text) % 4)
+    head = _GLB_MAGIC + struct.pack("<IIII", 2, 20 + len(text) + len(binary), len(text), _JSON_CHUNK)
+    return head + text + binary
 
 
 def _camera_nodes(data: dict[str, Any]) -> list[tuple[int, np.ndarray]]:
