@@ -3,6 +3,7 @@
 import base64
 import csv
 import json
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -145,6 +146,13 @@ def test_the_maps_worst_pixel_is_the_norm(folder, receivers, metric):
         assert np.nanmax(error) <= solved.row[key] * (1 + 1e-9)
         assert np.nanmax(error) > 0.9 * solved.row[key]
     assert solved.row["value"] <= solved.row["unwarped"]
+
+
+def test_a_ground_plane_has_a_map_too(folder):
+    """A body without thickness, drawn a row thick: the errors are those at its ends, within a row."""
+    solved, best, plain = solved_of(toml("box = { lower = [-20, 0, -80], upper = [20, 0, -5] }"))
+    assert np.nanmax(best) == pytest.approx(solved.row["value"], rel=0.1)
+    assert np.nanmax(plain) == pytest.approx(solved.row["unwarped"], rel=0.1)
 
 
 def exr(path: Path, depth: np.ndarray) -> None:
@@ -341,6 +349,17 @@ def test_a_warp_that_cannot_help_is_told_with_its_margin(folder):
     assert problem["lambda"] is None
     assert problem["margin"] <= 0
     np.testing.assert_allclose(np.array(problem["matrix"])[:3, 3], 0)  # row vectors: w = 1 for every point
+
+
+def test_files_are_refused_without_waiting_for_jax(folder):
+    Path("scene.toml").write_text(toml("depth = { files = 'none.npy' }"))
+    code = (
+        "import sys, warpopt.app.cli as cli\n"
+        "try:\n    cli.main(['scene', 'scene.toml'])\n"
+        "except SystemExit as e:\n    print(e.code, 'jax' in sys.modules)\n"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout == "2 False\n"
 
 
 def test_schema_of_scene(capsys):

@@ -48,11 +48,14 @@ def section_of(camera: SceneCamera, planes: np.ndarray, mapping: Mapping, height
     corners = np.array([(x, y, 0) for x in (left, right) for y in (bottom, top)]) @ along
     u = np.linspace(corners.max(), corners.min(), 2 * height + 1)[1::2, None]
 
-    def inside(z: np.ndarray) -> np.ndarray:
+    normals, offsets = (v / np.linalg.norm(normals, axis=1, keepdims=v.ndim > 1) for v in (normals, offsets))
+    row = float(u[0, 0] - u[-1, 0]) / height
+
+    def inside(z: np.ndarray, slack: float) -> np.ndarray:
         # Each half-space bounds the slope w across: (normal . x_axis) w + rest >= 0.
         least, most = np.full((height, len(z)), -np.inf), np.full((height, len(z)), np.inf)
         for normal, offset in zip(normals, offsets, strict=True):
-            rest = normal @ along * u + normal[2] + offset / z
+            rest = normal @ along * u + normal[2] + offset / z + slack
             factor = normal @ x_axis
             if abs(factor) < 1e-12:
                 least = np.where(rest < 0, np.inf, least)
@@ -63,11 +66,13 @@ def section_of(camera: SceneCamera, planes: np.ndarray, mapping: Mapping, height
         return least < most
 
     edges = np.geomspace(camera.near, camera.far, 2 * width + 1)
-    filled = np.flatnonzero(inside(edges[1::2]).any(0))
+    # A body thinner than a row, such as a ground plane, is drawn as thick as one.
+    slack = 0.0 if inside(edges[1::2], 0.0).any() else row
+    filled = np.flatnonzero(inside(edges[1::2], slack).any(0))
     if len(filled):
         edges = np.geomspace(edges[2 * filled[0]], edges[2 * filled[-1] + 2], 2 * width + 1)
     z = edges[1::2]
-    depth = np.where(inside(z), z, np.inf)
+    depth = np.where(inside(z, slack), z, np.inf)
     slopes = u[..., None] * along + np.zeros((1, width, 1)) + np.array([0.0, 0.0, 1.0])
     return Seen(depth, slopes, (float(edges[0]), float(edges[-1]), float(corners.min()), float(corners.max())))
 

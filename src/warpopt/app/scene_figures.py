@@ -30,14 +30,14 @@ def write_scene_figures(
 ) -> list[tuple[str, str]]:
     """Write the pictures; (file stem, caption) of each."""
     figures = []
-    if len(scene.lights) > 1:
+    drawable = [s for s in solved if s.outcome.succeeded and s.outcome is not warpopt.Outcome.empty]
+    if len(scene.lights) > 1 and drawable:
         path_figure(config, scene, solved).savefig(folder / "light_path.png", dpi=_DPI)
         caption = "The optimal warp along the light's path, and the error with it and without a warp (dotted)."
         shown = min(len(_objectives(solved)), len(_COLOURS))
         if shown < len(_objectives(solved)):
             caption += f" The first {shown} of {len(_objectives(solved))} objectives."
         figures.append(("light_path", caption))
-    drawable = [s for s in solved if s.outcome.succeeded and s.outcome is not warpopt.Outcome.empty]
     chosen = drawable
     if len(drawable) > MOST_MAPS:
         chosen = [drawable[i] for i in np.linspace(0, len(drawable) - 1, MOST_MAPS).round().astype(int)]

@@ -152,7 +152,7 @@ def _solved(config, scene, camera, receivers, light, casters, place, metric, nor
         "no_warp": math.isinf(lam),
         "value": finite_or_none(solution.value),
         "unwarped": finite_or_none(solution.unwarped),
-        "margin": finite_or_none(solution.margin) if there else None,
+        "margin": finite_or_none(solution.margin) if there and outcome is not warpopt.Outcome.flat else None,
         "excess": finite_or_none(solution.excess),
         "outcome": outcome.name,
         "sentence": outcome.sentence,
