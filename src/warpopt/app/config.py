@@ -205,6 +205,11 @@ def _flaw(flaw: Any) -> str:
         return f"  {path}: unknown key"
     if flaw["type"] == "missing":
         return f"  {path}: missing"
+    # What a whole section's validator found: it says what was got, and of which key, better than the section's text.
+    if message.startswith("got "):
+        return f"  {path}: {message}" if path else f"  {message}"
+    if ": got " in message:
+        return f"  {path}.{message}" if path else f"  {message}"
     got = flaw["input"]
     return f"  {path}: got {got!r}, {_expectation(message)}" if path else f"  {_expectation(message)}"
 
