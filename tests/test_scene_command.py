@@ -148,6 +148,29 @@ def test_the_maps_worst_pixel_is_the_norm(folder, receivers, metric):
     assert solved.row["value"] <= solved.row["unwarped"]
 
 
+def test_the_maps_are_the_matrix_s_own_derivatives(folder):
+    """Another method: errors from differences of the map's coordinates (t, s), as the matrix of scene.json has them."""
+    np.save("ground.npy", ground())
+    Path("scene.toml").write_text(toml("depth = { files = 'ground.npy' }"))
+    config = read_config(Path("scene.toml"), [], SceneConfig)
+    scene = read_scene(config, folder)
+    (solved,) = solve_scene(config, scene, lambda done: None)
+    seen, mapping, camera = seen_of(config, scene, solved), solved.mapping, scene.cameras[0]
+    hit = np.isfinite(seen.depth)
+    z, eye = seen.depth[hit], (seen.depth[..., None] * seen.slopes)[hit]
+
+    def coordinate(points: np.ndarray, which: int) -> np.ndarray:
+        world = points @ camera.rotation + camera.position
+        x, y, _, w = (np.c_[world, np.ones(len(world))] @ np.array(solved.row["matrix"]).T).T
+        return ((x, y)[which] / w + 1) / 2
+
+    for metric, axis, which in (("p", mapping.z_axis, 1), ("q", mapping.x_axis, 0)):
+        step = 1e-4 * axis
+        change = (coordinate(eye + step, which) - coordinate(eye - step, which)) / 2e-4
+        expected = mapping.densities[1 - which] / z / np.abs(change)
+        np.testing.assert_allclose(errors(mapping, seen, metric, True)[hit], expected, rtol=1e-6)
+
+
 def test_a_ground_plane_has_a_map_too(folder):
     """A body without thickness, drawn a row thick: the errors are those at its ends, within a row."""
     solved, best, plain = solved_of(toml("box = { lower = [-20, 0, -80], upper = [20, 0, -5] }"))

@@ -129,8 +129,12 @@ def error_map(config: SceneConfig, seen: Seen, s: Solved) -> Figure:
 
 
 def _worst(s: Solved, key: str, error: np.ndarray) -> str:
-    worst = f"at worst {np.nanmax(error):.3g}"
-    return worst if s.norm == "inf" else f"{style.norm_label(s.norm)} norm {s.row[key]:.3g}, {worst}"
+    worst = f"at worst {_number(np.nanmax(error))}"
+    return worst if s.norm == "inf" else f"{style.norm_label(s.norm)} norm {_number(s.row[key])}, {worst}"
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if 1000 <= value < 1e7 else f"{value:.3g}"
 
 
 def _panel(axes: Axes) -> None:
