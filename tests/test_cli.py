@@ -13,6 +13,7 @@ import pytest
 import warpopt
 from warpopt.app import cli, run
 from warpopt.app.config import ConfigError, RunConfig, read_config
+from warpopt.app.scene_config import SceneConfig
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 SMALL = """
@@ -97,8 +98,8 @@ def test_overrides_of_any_key(folder):
 
 @pytest.mark.parametrize("name", sorted(p.name for p in CONFIGS.glob("*.toml")))
 def test_shipped_configs_are_valid_and_say_what_they_answer(name):
-    config = read_config(CONFIGS / name, [])
-    assert isinstance(config, RunConfig)
+    model = SceneConfig if "[camera]" in (CONFIGS / name).read_text() else RunConfig
+    assert isinstance(read_config(CONFIGS / name, [], model), model)
     first = (CONFIGS / name).read_text().split("\n[")[0]
     assert first.startswith("# ")
     assert "?" in first

@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -25,6 +25,17 @@ class Run:
 
     config: tyro.conf.Positional[Path]
     """TOML file, for example configs/paper.toml."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """Solve a scene: cameras, lights and what is seen, to matrices, tables and error maps.
+
+    Any key can be overridden after it, as for `run`. `warpopt schema --of scene` lists the keys.
+    """
+
+    config: tyro.conf.Positional[Path]
+    """TOML file, for example configs/landscape.toml."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,13 +70,17 @@ class Rules(_OneProblem):
 
 @dataclasses.dataclass(frozen=True)
 class Schema:
-    """The configuration's JSON schema."""
+    """A configuration's JSON schema."""
+
+    of: Literal["run", "scene"] = "run"
+    """The command that reads the configuration."""
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point. Exit code 2 with a few lines on bad input, 1 if a solve failed, 130 if interrupted."""
     command, rest = tyro.cli(
         Annotated[Run, tyro.conf.subcommand("run")]
+        | Annotated[Scene, tyro.conf.subcommand("scene")]
         | Annotated[Solve, tyro.conf.subcommand("solve")]
         | Annotated[Rules, tyro.conf.subcommand("rules")]
         | Annotated[Schema, tyro.conf.subcommand("schema")],
@@ -79,7 +94,7 @@ def main(arguments: list[str] | None = None) -> None:
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        if rest and not isinstance(command, Run):
+        if rest and not isinstance(command, Run | Scene):
             raise ConfigError(f"unknown argument(s): {' '.join(rest)}")
         _dispatch(command, rest)
     except ConfigError as error:
@@ -96,11 +111,16 @@ def main(arguments: list[str] | None = None) -> None:
         raise SystemExit(130) from None
 
 
-def _dispatch(command: Run | Solve | Rules | Schema, rest: list[str]) -> None:
+def _dispatch(command: Run | Scene | Solve | Rules | Schema, rest: list[str]) -> None:
     if isinstance(command, Schema):
         import json
 
-        print(json.dumps(RunConfig.model_json_schema(), indent=2))
+        from .scene_config import SceneConfig
+
+        model = SceneConfig if command.of == "scene" else RunConfig
+        print(json.dumps(model.model_json_schema(), indent=2))
+    elif isinstance(command, Scene):
+        raise SystemExit(_scene(command.config, rest))
     elif isinstance(command, Run):
         config = read_config(command.config, rest)
         from .writing import check_replaceable
@@ -146,6 +166,20 @@ def _run(config: RunConfig, arguments: list[str]) -> int:
     except Incomplete as flaw:
         print(f"warpopt: {flaw}", file=sys.stderr)
         return 1
+
+
+def _scene(path: Path, overrides: list[str]) -> int:
+    from .scene_config import SceneConfig
+    from .scene_input import read_scene
+    from .writing import check_replaceable
+
+    config = read_config(path, overrides, SceneConfig)
+    check_replaceable(config.output.directory)
+    scene = read_scene(config, path.parent)
+    prepare_jax()
+    from .scene import run_scene
+
+    return run_scene(config, scene)
 
 
 def prepare_jax(devices: int | None = None) -> None:

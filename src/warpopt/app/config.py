@@ -15,7 +15,9 @@ class ConfigError(Exception):
     """Bad input, in words for its author: every flaw, one a line."""
 
 
-class _Section(pydantic.BaseModel):
+class Section(pydantic.BaseModel):
+    """A table of a configuration: frozen, without unknown keys, all numbers finite."""
+
     model_config = pydantic.ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
@@ -44,7 +46,7 @@ def _norm(value: Any) -> Any:
 Norm = Annotated[Literal["inf", "l1", "l2"] | float, pydantic.BeforeValidator(_norm)]
 
 
-class ThetaRange(_Section):
+class ThetaRange(Section):
     """Evenly spaced directions."""
 
     start: ThetaDeg
@@ -55,7 +57,8 @@ class ThetaRange(_Section):
         return np.linspace(self.start, self.stop, self.count)
 
 
-def _listed(value: Any) -> Any:
+def listed(value: Any) -> Any:
+    """A single value as a list of one."""
     return value if isinstance(value, list | tuple) else [value]
 
 
@@ -68,27 +71,28 @@ def _distinct(values: list) -> list:
 Distinct = pydantic.AfterValidator(_distinct)
 
 
-def _beyond(far: list[float], info: pydantic.ValidationInfo) -> list[float]:
+def beyond(far: list[float], info: pydantic.ValidationInfo) -> list[float]:
+    """Far planes, if they all are beyond the near plane that was read before them."""
     near = info.data.get("near")
     if near is not None and not all(value > near for value in far):
         raise ValueError(f"expected more than near = {near}")
     return far
 
 
-class ViewConfig(_Section):
+class ViewConfig(Section):
     """View frusta: every combination of the listed values."""
 
     near: Positive = 1.0
-    far: Annotated[list[Positive], pydantic.BeforeValidator(_listed), Field(min_length=1), Distinct]
-    half_fov_deg: Annotated[list[HalfFovDeg], pydantic.BeforeValidator(_listed), Field(min_length=1), Distinct]
+    far: Annotated[list[Positive], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct]
+    half_fov_deg: Annotated[list[HalfFovDeg], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct]
 
     @pydantic.field_validator("far")
     @classmethod
     def _beyond_near(cls, far: list[float], info: pydantic.ValidationInfo) -> list[float]:
-        return _beyond(far, info)
+        return beyond(far, info)
 
 
-class LightConfig(_Section):
+class LightConfig(Section):
     """Angles between light and view direction."""
 
     theta_deg: ThetaRange | Annotated[list[ThetaDeg], Field(min_length=1)]
@@ -99,21 +103,21 @@ class LightConfig(_Section):
         # Chosen by shape, so that a flaw is reported once and for what was meant.
         if isinstance(value, dict):
             return ThetaRange.model_validate(value)
-        return handler(_listed(value))
+        return handler(listed(value))
 
     def values(self) -> np.ndarray:
         return self.theta_deg.values() if isinstance(self.theta_deg, ThetaRange) else np.array(self.theta_deg)
 
 
-class ObjectiveConfig(_Section):
+class ObjectiveConfig(Section):
     """What is minimised: every metric in every norm, over one measure."""
 
-    metrics: Annotated[list[Metric], pydantic.BeforeValidator(_listed), Field(min_length=1), Distinct] = ["p"]
-    norms: Annotated[list[Norm], pydantic.BeforeValidator(_listed), Field(min_length=1), Distinct] = ["inf"]
+    metrics: Annotated[list[Metric], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct] = ["p"]
+    norms: Annotated[list[Norm], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct] = ["inf"]
     measure: Measure = "screen"
 
 
-class OutputConfig(_Section):
+class OutputConfig(Section):
     """Where the results go."""
 
     directory: Path
@@ -123,7 +127,7 @@ class OutputConfig(_Section):
 BLOCK_MULTIPLE = 64  # directions of a block come in whole vectors of every processor, unrolled
 
 
-class ComputeConfig(_Section):
+class ComputeConfig(Section):
     """How the run is spread over processes and devices. None of it but block_size can change a bit of the result."""
 
     processes: Annotated[int, Field(ge=1, le=65_536)] = 1
@@ -152,7 +156,7 @@ class ComputeConfig(_Section):
         return value
 
 
-class RunConfig(_Section):
+class RunConfig(Section):
     """One run of the main job: `warpopt run`."""
 
     view: ViewConfig
@@ -162,7 +166,7 @@ class RunConfig(_Section):
     compute: ComputeConfig = ComputeConfig()
 
 
-class Problem(_Section):
+class Problem(Section):
     """One view, one light direction, one objective: `warpopt solve` and `warpopt rules`."""
 
     near: Positive
@@ -176,7 +180,7 @@ class Problem(_Section):
     @pydantic.field_validator("far")
     @classmethod
     def _beyond_near(cls, far: float, info: pydantic.ValidationInfo) -> float:
-        return _beyond([far], info)[0]
+        return beyond([far], info)[0]
 
 
 def validated(model: type[pydantic.BaseModel], data: dict[str, Any], source: str) -> Any:
@@ -201,6 +205,11 @@ def _flaw(flaw: Any) -> str:
         return f"  {path}: unknown key"
     if flaw["type"] == "missing":
         return f"  {path}: missing"
+    # What a whole section's validator found: it says what was got, and of which key, better than the section's text.
+    if message.startswith("got "):
+        return f"  {path}: {message}" if path else f"  {message}"
+    if ": got " in message:
+        return f"  {path}.{message}" if path else f"  {message}"
     got = flaw["input"]
     return f"  {path}: got {got!r}, {_expectation(message)}" if path else f"  {_expectation(message)}"
 
@@ -214,8 +223,8 @@ def _expectation(message: str) -> str:
     return message.replace("Input should be", "expected").replace("Input should have", "expected")
 
 
-def read_config(path: Path, overrides: list[str]) -> RunConfig:
-    """The configuration of a TOML file with `--section.key value` pairs laid over it.
+def read_config(path: Path, overrides: list[str], model: type[pydantic.BaseModel] = RunConfig) -> Any:
+    """The configuration, a `model`, of a TOML file with `--section.key value` pairs laid over it.
 
     Raises:
         ConfigError: a file that is missing or not TOML, a malformed override, or any flaw of the whole.
@@ -226,7 +235,7 @@ def read_config(path: Path, overrides: list[str]) -> RunConfig:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not a TOML file: {error}") from None
-    return validated(RunConfig, _overridden(data, overrides), str(path))
+    return validated(model, _overridden(data, overrides), str(path))
 
 
 def _overridden(data: dict[str, Any], overrides: list[str]) -> dict[str, Any]:
@@ -244,6 +253,12 @@ def _overridden(data: dict[str, Any], overrides: list[str]) -> dict[str, Any]:
         *sections, key = name.replace("-", "_").split(".")
         target = data
         for section in sections:
+            match target.get(section):
+                case [dict() as only]:  # the only one of [[section]]
+                    target = only
+                    continue
+                case [dict(), *_] as several:
+                    raise ConfigError(f"--{name}: got {len(several)} tables [[{section}]], expected one to override")
             if not isinstance(target.get(section, {}), dict):
                 target[section] = {}
             target = target.setdefault(section, {})

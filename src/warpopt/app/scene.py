@@ -1,0 +1,163 @@
+"""`warpopt scene`: a scene in, a folder with its warps, matrices and error maps out."""
+
+import csv
+import dataclasses
+import importlib.metadata
+import json
+import platform
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+import warpopt
+
+from .scene_config import SceneConfig
+from .scene_input import SceneInput
+from .scene_report import scene_report, short
+from .scene_solve import Solved, solve_scene
+from .writing import MARK, whole_folder
+
+_COLUMNS = (
+    "camera", "light", "x", "y", "z", "theta_deg", "metric", "norm", "eta", "lambda", "lambda_over_mu", "mu", "value",
+    "unwarped", "margin", "excess", "outcome",
+)  # fmt: skip
+_SHOWN = {
+    "camera": "camera",
+    "light": "light",
+    "metric": "metric",
+    "norm": "norm",
+    "theta_deg": "theta",
+    "lambda_over_mu": "λ/μ",
+    "value": "error",
+    "unwarped": "no warp",
+    "outcome": "outcome",
+}
+_MOST_SHOWN = 24  # problems in the terminal; the report has them all
+
+
+def run_scene(config: SceneConfig, scene: SceneInput, console: Console | None = None) -> int:
+    """Solve, write, summarise; 0 if every problem was solved, 1 if not.
+
+    Raises:
+        ConfigError: the output folder cannot be written, or is not an earlier result.
+    """
+    console = console or Console()
+    objective = config.objective
+    count = len(scene.cameras) * len(scene.lights) * len(objective.metrics) * len(objective.norms)
+    columns = (TextColumn("{task.description:<40}"), BarColumn(), TimeElapsedColumn())
+    with (
+        whole_folder(config.output.directory) as folder,
+        Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar,
+    ):
+        task = bar.add_task("solving", total=count)
+
+        def progress(done: str) -> None:
+            bar.update(task, advance=1, description=done)
+
+        timings = {}
+        start = time.perf_counter()
+        solved = solve_scene(config, scene, progress)
+        timings["solve_s"] = time.perf_counter() - start
+        start = time.perf_counter()
+        figures = _figures(config, scene, solved, folder) if config.output.figures and solved else []
+        timings["figures_s"] = time.perf_counter() - start
+        _write_json(folder / "scene.json", _scene_record(config, scene, solved))
+        write_scene_table(solved, folder / "table.csv")
+        (folder / "report.md").write_text(scene_report(config, scene, solved, figures), encoding="utf-8")
+        record = _run_record(config, solved, timings)
+        record["files"] = sorted([*(p.name for p in folder.iterdir()), MARK])
+        _write_json(folder / MARK, record)
+    failures = sum(not s.outcome.succeeded for s in solved)
+    _summarise(console, config, scene, solved, failures)
+    return 1 if failures else 0
+
+
+def _figures(config: SceneConfig, scene: SceneInput, solved: list[Solved], folder: Path) -> list[tuple[str, str]]:
+    # Imported here: matplotlib's first import on a machine looks through all its fonts.
+    from .scene_figures import write_scene_figures
+
+    return write_scene_figures(config, scene, solved, folder)
+
+
+def _write_json(path: Path, data: Any) -> None:
+    path.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def write_scene_table(solved: list[Solved], path: Path) -> None:
+    """One row for each problem; empty where there is no number, lambda = inf where no warp is best."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(_COLUMNS)
+        for s in solved:
+            row = s.row | dict(zip("xyz", s.row["direction"], strict=True))
+            if row["no_warp"]:
+                row |= {"lambda": "inf", "lambda_over_mu": "inf"}
+            writer.writerow(["" if row[name] is None else row[name] for name in _COLUMNS])
+
+
+def _scene_record(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> dict[str, Any]:
+    """Everything of the solution; strict JSON."""
+    return {
+        "convention": {
+            "name": config.output.convention,
+            "reversed_z": config.output.reversed_z,
+            "vectors": "row" if config.output.convention == "direct3d" else "column",
+        },
+        "cameras": [
+            {
+                "position": camera.position.tolist(),
+                "right": camera.rotation[0].tolist(),
+                "up": camera.rotation[1].tolist(),
+                "forward": camera.rotation[2].tolist(),
+                "near": camera.near,
+                "far": camera.far,
+                "window": list(camera.window),
+            }
+            for camera in scene.cameras
+        ],
+        "camera_of": scene.camera_of,
+        "lights": [list(direction) for direction in scene.lights],
+        "steps": [dataclasses.asdict(step) for step in scene.steps],
+        "problems": [s.row for s in solved],
+    }
+
+
+def _run_record(config: SceneConfig, solved: list[Solved], timings: dict[str, float]) -> dict[str, Any]:
+    packages = ["warpopt", "jax", "jaxlib", "optimistix", "equinox", "numpy", "matplotlib"]
+    packages += [name for name, used in (("trimesh", config.receivers.gltf), ("OpenEXR", _exr(config))) if used]
+    outcomes = {o.name: n for o in warpopt.Outcome if (n := sum(s.outcome is o for s in solved))}
+    return {
+        "config": config.model_dump(mode="json"),
+        "versions": {"python": platform.python_version(), **{p: importlib.metadata.version(p) for p in packages}},
+        "dtype": str(jax.numpy.zeros(0).dtype),
+        "device": jax.devices()[0].platform,
+        "timings": {key: round(value, 3) for key, value in timings.items()},
+        "outcomes": outcomes,
+    }
+
+
+def _exr(config: SceneConfig) -> bool:
+    depth = config.receivers.depth
+    return depth is not None and any(file.suffix.lower() == ".exr" for file in depth.files)
+
+
+def _summarise(console: Console, config: SceneConfig, scene: SceneInput, solved: list[Solved], failures: int) -> None:
+    table = Table(title="Optimal warps")
+    for name, head in _SHOWN.items():
+        table.add_column(head, justify="left" if name == "outcome" else "right")
+    for s in solved[:_MOST_SHOWN]:
+        table.add_row(*(short(s.row, name) for name in _SHOWN))
+    if solved:
+        console.print(table)
+    if len(solved) > _MOST_SHOWN:
+        console.print(f"... and {len(solved) - _MOST_SHOWN} more in table.csv")
+    if not scene.lights:
+        console.print("The sun is below the horizon all the time: there is nothing to solve.")
+    if failures:
+        console.print(f"{failures} problem(s) failed; scene.json tells which and why.", style="bold red")
+    console.print(f"Written: {config.output.directory}: report.md, scene.json, table.csv, run.json", soft_wrap=True)

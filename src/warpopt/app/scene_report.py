@@ -1,0 +1,87 @@
+"""`report.md` of a scene."""
+
+from typing import Any
+
+import warpopt
+
+from .scene_config import SceneConfig
+from .scene_input import SceneInput
+from .scene_solve import Solved
+
+_HEADS = {
+    "camera": "camera",
+    "light": "light",
+    "theta_deg": "theta (deg)",
+    "lambda_over_mu": "lambda / mu",
+    "value": "error",
+    "unwarped": "without warp",
+    "margin": "margin",
+    "outcome": "outcome",
+}
+
+
+def short(row: dict[str, Any], name: str) -> str:
+    """A value of a problem's row for people."""
+    value = row[name]
+    if name.startswith("lambda") and row["no_warp"]:
+        return "inf: no warp"
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def scene_report(config: SceneConfig, scene: SceneInput, solved: list[Solved], figures: list[tuple[str, str]]) -> str:
+    """The report as Markdown."""
+    parts = ["# Optimal shadow-map warps of a scene\n", _opening(config, scene, solved)]
+    failures = [s for s in solved if not s.outcome.succeeded]
+    if failures:
+        parts.append(f"**{len(failures)} problem(s) could not be solved**; `scene.json` says why.\n")
+    empty = sum(s.outcome is warpopt.Outcome.empty for s in solved)
+    if empty:
+        parts.append(f"In {empty} problem(s) the camera sees no receivers: nothing needs a shadow map.\n")
+    if figures:
+        parts.append("## Figures\n")
+        parts += [f"![{stem}]({stem}.png)\n\n*{caption}*\n" for stem, caption in figures]
+    for metric in config.objective.metrics:
+        for norm in config.objective.norms:
+            mine = [s for s in solved if (s.metric, s.norm) == (metric, str(norm))]
+            if mine:
+                parts.append(f"## E_{metric}, norm {norm}\n")
+                parts.append(_gain(mine))
+                parts.append(_table(mine))
+    return "\n".join(parts)
+
+
+def _opening(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> str:
+    kind = next(name for name in type(config.receivers).model_fields if getattr(config.receivers, name) is not None)
+    below = sum(step.light is None for step in scene.steps)
+    lines = [
+        f"Receivers: {kind.replace('_', ' ')}. {len(scene.camera_of)} camera(s), {len(scene.cameras)} distinct; "
+        f"{len(scene.steps)} step(s) of the light, {len(scene.lights)} distinct direction(s)."
+    ]
+    if below:
+        lines.append(f"In {below} step(s) the sun is not above the horizon and gives no direction.")
+    units = "screen pixels per texel" if config.objective.screen else "in the units of a screen 2 high and a map 1 by 1"
+    lines.append(
+        "lambda is the near-plane distance of the warping frustum (inf: no warp), mu its depth range. The margin is "
+        "d log(error) / d log(eta) just below eta = 1: a warp helps where it is positive, and that is known before "
+        f"anything is solved. Errors are {units}."
+    )
+    lines.append("`scene.json` has the matrices, `table.csv` all numbers, `run.json` configuration and versions.")
+    return "\n".join(lines) + "\n"
+
+
+def _gain(mine: list[Solved]) -> str:
+    gains = [(s.row["unwarped"] / s.row["value"], s.row["light"]) for s in mine if s.row["value"] and s.row["unwarped"]]
+    useless = sum(s.outcome is warpopt.Outcome.no_warp for s in mine)
+    if not gains:
+        return "No problem has receivers.\n"
+    (most, where), (least, _) = max(gains), min(gains)
+    words = f"The optimal warp divides the error by {most:.3g} at best (light {where}) and by {least:.3g} at worst."
+    return words + (f" No warp is optimal in {useless} problem(s).\n" if useless else "\n")
+
+
+def _table(mine: list[Solved]) -> str:
+    lines = ["| " + " | ".join(_HEADS.values()) + " |", "|" + "---|" * len(_HEADS)]
+    lines += ["| " + " | ".join(short(s.row, name) for name in _HEADS) + " |" for s in mine]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,79 @@
+"""A camera in plain NumPy: what the rasteriser and the pictures need, before and without JAX."""
+
+import dataclasses
+
+import numpy as np
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SceneCamera:
+    """Position, orientation and view frustum, with the meaning of `warpopt.Camera`'s fields.
+
+    Attributes:
+        position: (3,) in world space.
+        rotation: (3, 3), rows right, up and forward in world coordinates, orthonormal.
+        near, far: distances of the near and far planes.
+        window: slopes (left, right, bottom, top) of the side planes.
+    """
+
+    position: np.ndarray
+    rotation: np.ndarray
+    near: float
+    far: float
+    window: tuple[float, float, float, float]
+
+    @property
+    def aspect(self) -> float:
+        """Width over height."""
+        left, right, bottom, top = self.window
+        return (right - left) / (top - bottom)
+
+    @property
+    def handedness(self) -> str:
+        """Of the world's axes, as `warpopt.Camera` means it; a mirrored view counts as the other hand."""
+        return "right" if np.linalg.det(self.rotation) < 0 else "left"
+
+    @property
+    def key(self) -> tuple:
+        """Equal for equal cameras."""
+        numbers = (*self.position.tolist(), *self.rotation.ravel().tolist(), self.near, self.far, *self.window)
+        return tuple(number + 0.0 for number in numbers)  # -0.0 is 0.0
+
+    def to_eye(self, points: np.ndarray) -> np.ndarray:
+        """World points (..., 3) in eye coordinates: x right, y up, z along the view."""
+        return (points - self.position) @ self.rotation.T
+
+    def slopes(self, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+        """(x/z of the columns, y/z of the rows) at pixel centres, row 0 at the top."""
+        left, right, bottom, top = self.window
+        across = left + (right - left) * (np.arange(width) + 0.5) / width
+        up = top - (top - bottom) * (np.arange(height) + 0.5) / height
+        return across, up
+
+
+def orientation(forward: np.ndarray, up: np.ndarray, handedness: str) -> np.ndarray:
+    """Rows right, up and forward.
+
+    Raises:
+        ValueError: for directions that are parallel.
+    """
+    side = 1 if handedness == "right" else -1
+    forward, up = unit(forward), unit(up)
+    right = side * np.cross(forward, up)
+    if np.linalg.norm(right) < 1e-12:
+        raise ValueError("expected a direction that is not parallel to the view")
+    right = unit(right)
+    return np.stack([right, side * np.cross(right, forward), forward])
+
+
+def unit(vector: np.ndarray) -> np.ndarray:
+    """By its largest component first, so that no square over- or underflows."""
+    vector = np.asarray(vector, float)
+    vector = vector / np.abs(vector).max()
+    return vector / np.linalg.norm(vector)
+
+
+def centred_window(half_fov: float, aspect: float) -> tuple[float, float, float, float]:
+    """The window of half a vertical field of view, in radians."""
+    top = float(np.tan(half_fov))
+    return -top * aspect, top * aspect, -top, top

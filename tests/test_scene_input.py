@@ -1,0 +1,203 @@
+"""What a scene is read from: triangles, glTF, the sun; and every way in which input can be bad."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scene_cases import BOX, CAMERA, HEIGHT, WIDTH, gltf, ground, invoke, run, toml
+
+from warpopt.app.config import read_config
+from warpopt.app.light_path import light_path
+from warpopt.app.scene_config import LightConfig, SceneConfig
+from warpopt.app.scene_input import read_scene
+from warpopt.scene_files.gltf import read_camera, read_triangles
+from warpopt.scene_files.rasterise import rasterise
+from warpopt.scene_files.scene_camera import SceneCamera, orientation
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_rasterising_agrees_with_rays_one_by_one():
+    """Brute force: every ray against every triangle; some cross the near plane or reach behind the eye."""
+    random = np.random.default_rng(5)
+    turn = orientation(np.array([0.2, -0.1, -1]), np.array([0.1, 1.0, 0]), "right")
+    camera = SceneCamera(np.array([1.0, 2, 3]), turn, 0.5, 30.0, (-0.5, 0.8, -0.3, 0.6))
+    centres = random.uniform((-6, -6, -3), (6, 6, 20), (40, 1, 3))
+    eye = centres + random.normal(0, 3, (40, 3, 3))
+    depth = rasterise(eye @ turn + camera.position, camera, 30, 40)
+    across, up = camera.slopes(30, 40)
+    expected = np.full((30, 40), np.inf)
+    for i, j in np.ndindex(30, 40):
+        for a, b, c in eye:
+            try:
+                z, u, v = np.linalg.solve(np.stack([[across[j], up[i], 1.0], a - b, a - c], 1), a)
+            except np.linalg.LinAlgError:
+                continue
+            if u >= 0 and v >= 0 and u + v <= 1 and 0.5 <= z < 30:
+                expected[i, j] = min(expected[i, j], z)
+    assert np.isfinite(expected).mean() > 0.3
+    np.testing.assert_allclose(depth, np.where(np.isfinite(expected), expected, 0), rtol=1e-9)
+
+
+def test_gltf_nodes_and_camera_are_honoured(folder):
+    Path("scene.gltf").write_text(json.dumps(gltf()))
+    points = read_triangles(Path("scene.gltf")).reshape(-1, 3)
+    np.testing.assert_allclose([points.min(0), points.max(0)], [[-30, 1, -38], [30, 1, -2]], atol=1e-12)
+    camera = read_camera(Path("scene.gltf"), 0, None, None)
+    np.testing.assert_allclose(camera.position, [0, 5, -4], atol=1e-12)
+    np.testing.assert_allclose(camera.rotation, [[1, 0, 0], [0, 1, 0], [0, 0, -1]], atol=1e-12)
+    text = toml("gltf = { file = 'scene.gltf', width = 96 }", camera="")
+    told = run(text)
+    assert told["cameras"][0]["far"] == 200.0
+    assert told["problems"][0]["outcome"] == "tie"
+    # The ground is 4 below the eye: z = 4 / -(y/z), from z = -4 to -38.
+    depth = read_scene(read_config(Path("scene.toml"), [], SceneConfig), folder).depths[0]
+    across, up = camera.slopes(HEIGHT, WIDTH)
+    z = 4 / np.where(up < 0, -up, np.nan)[:, None] + 0 * across
+    hit = (z < 34) & (np.abs(z * across) < 30)
+    assert hit.mean() > 0.2
+    np.testing.assert_allclose(depth, np.where(hit, z, 0), rtol=1e-6)
+
+
+def test_what_hangs_on_a_camera_is_read(folder):
+    held = gltf(extra_nodes=[{"mesh": 0, "translation": [0, 0, -3], "scale": [0.1, 1, 0.2]}])
+    held["nodes"][3]["children"] = [4]
+    Path("held.gltf").write_text(json.dumps(held))
+    triangles = read_triangles(Path("held.gltf"))
+    points = triangles[triangles[:, 0, 1] > 4].reshape(-1, 3)  # at the camera's height
+    np.testing.assert_allclose([points.min(0), points.max(0)], [[-0.1, 5, -7.2], [0.1, 5, -6.8]], atol=1e-7)
+
+
+def test_the_sun_over_a_day():
+    """Closed forms: noon's elevation is 90 - latitude + declination; at the equinox it rises in the east at six."""
+    path = {"latitude_deg": 48.0, "declination_deg": 0.0, "start_hour": 3, "stop_hour": 12, "count": 4}
+    steps, lights = light_path(LightConfig.model_validate({"path": path}), "right")
+    assert [s.light for s in steps] == [None, None, 0, 1]  # at six it is on the horizon
+    assert steps[-1].elevation_deg == pytest.approx(42.0)
+    # North is -z, so east is +x, and the noon sun in the south shines to the north.
+    assert lights[0][0] < 0
+    np.testing.assert_allclose(lights[1], [0, -np.sin(np.deg2rad(42)), -np.cos(np.deg2rad(42))], atol=1e-12)
+    _, mirrored = light_path(LightConfig.model_validate({"path": path}), "left")
+    assert mirrored[0][0] == -lights[0][0]
+
+
+def test_a_missing_reader_is_named_with_the_extra(folder, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    monkeypatch.setitem(sys.modules, "OpenEXR", None)
+    Path("scene.gltf").write_text(json.dumps(gltf()))
+    Path("a.exr").write_bytes(bytes.fromhex("762f3101") + bytes(20))
+    for receivers in ("gltf = { file = 'scene.gltf' }", "depth = { files = 'a.exr' }"):
+        Path("scene.toml").write_text(toml(receivers))
+        assert invoke("scene.toml") == 2
+        assert "pip install 'warpopt[scene]'" in capsys.readouterr().err
+
+
+def test_files_are_refused_without_waiting_for_jax(folder):
+    Path("scene.toml").write_text(toml("depth = { files = 'none.npy' }"))
+    code = (
+        "import sys, warpopt.app.cli as cli\n"
+        "try:\n    cli.main(['scene', 'scene.toml'])\n"
+        "except SystemExit as e:\n    print(e.code, 'jax' in sys.modules)\n"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout == "2 False\n"
+
+
+def with_view(matrix: str) -> str:
+    return toml(BOX, camera=f"view_matrix = {matrix}\nnear = 1.0\nfar = 9.0\nhalf_fov_deg = 20.0")
+
+
+def depth_of(name: str) -> str:
+    return toml(f"depth = {{ files = '{name}' }}")
+
+
+BAD = {
+    "singular view matrix": (
+        with_view("[[1, 0, 0, 0], [0, 1, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]"),
+        ["camera.0.view_matrix: got", "not singular"],
+    ),
+    "scaled view matrix": (
+        with_view("[[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"),
+        ["camera.0.view_matrix: got", "expected a rigid"],
+    ),
+    "zero light": (toml(BOX, light="direction = [0, 0, 0]"), ["light.direction: got [0, 0, 0], expected a vector"]),
+    "NaN light": (toml(BOX, light="direction = [nan, 0, 0]"), ["light.direction: got [nan, 0, 0], expected", "finite"]),
+    "zero light on a path": (
+        toml(BOX, light="path = [[0, -1, 0], [0, 0, 0]]"), ["light.path.1: got [0, 0, 0], expected a vector"],
+    ),
+    "two lights": (toml(BOX, light="direction = [0, -1, 0]\npath = [[0, -1, 0]]"), ["light", "exactly one of"]),
+    "up along the view": (toml(BOX, camera=CAMERA + "\nup = [0, 0.1, 1]"), ["camera.0", "not parallel"]),
+    "no camera": (toml(BOX, camera=""), ["camera: missing"]),
+    "two kinds of receivers": (toml(BOX + "\nwhole_frustum = {}"), ["receivers", "exactly one of"]),
+    "box inside out": (toml("box = { lower = [0, 0, 0], upper = [1, -1, 1] }"), ["receivers.box.upper", "lower"]),
+    "max in l2": (toml(BOX, more="[objective]\nmetrics = ['max']\nnorms = ['l2']"), ["only 'inf' with metric 'max'"]),
+    "screen alone": (toml(BOX, more="[objective]\nscreen = [100, 50]"), ["screen and shadow_map"]),
+    "unknown key": (toml("box = { lower = [0, 0, 0], uper = [1, 1, 1] }"), ["receivers.box.uper: unknown key"]),
+    "missing depth": (depth_of("none.npy"), ["receivers.depth.files.0", "none.npy", "cannot be read"]),
+    "depth of wrong aspect": (depth_of("square.npy"), ["got 20 x 20 pixels, expected width / height = 1.77778"]),
+    "depth of wrong size": (
+        toml("depth = { files = 'good.npy', size = [64, 36] }"), ["got 96 x 54 pixels, expected 64 x 36"],
+    ),
+    "NaN depth": (depth_of("nan.npy"), ["got NaN in row 3, column 5 (1 of 5184", "expected finite depths"]),
+    "infinite depth": (depth_of("inf.npy"), ["got infinity in row 3, column 5", "expected finite depths"]),
+    "depth out of range": (
+        toml("depth = { files = 'good.npy', encoding = 'reversed' }"), ["expected numbers in [0, 1]", "'reversed'"],
+    ),
+    "depth with channels": (depth_of("rgb.npy"), ["got an array of shape (54, 96, 3), expected (height, width)"]),
+    "pickled depth": (depth_of("pickle.npy"), ["cannot be read as .npy"]),
+    "no depth file": (depth_of("text.npy"), ["neither .npy nor OpenEXR"]),
+    "broken OpenEXR": (depth_of("broken.exr"), ["cannot be read as OpenEXR"]),
+    "two depth files for one camera": (
+        toml("depth = { files = ['good.npy', 'good.npy'] }"), ["got 2 for 1 camera(s), expected one for each"],
+    ),
+    "missing glTF": (toml("gltf = { file = 'none.glb' }"), ["receivers.gltf.file", "none.glb", "cannot be read"]),
+    "empty glTF": (toml("gltf = { file = 'empty.gltf' }"), ["empty.gltf", "got no triangle, expected"]),
+    "no glTF": (toml("gltf = { file = 'text.npy' }"), ["not glTF", "expected .gltf or .glb"]),
+    "broken glTF": (toml("gltf = { file = 'broken.gltf' }"), ["broken.gltf: cannot be read as glTF"]),
+    "glTF of NaN": (toml("gltf = { file = 'nan.gltf' }"), ["nan.gltf: got vertices that are NaN or infinite"]),
+    "glTF without camera": (toml("gltf = { file = 'empty.gltf' }", camera=""), ["got 0 camera(s)", "[camera] section"]),
+    "glTF camera without far": (toml("gltf = { file = 'endless.gltf' }", camera=""), ["zfar", "receivers.gltf.far"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_told_and_nothing_is_written(folder, capsys, name):
+    good = ground()
+    np.save("good.npy", good)
+    np.save("square.npy", np.ones((20, 20)))
+    np.save("rgb.npy", np.ones((54, 96, 3)))
+    np.save("pickle.npy", np.array([{}, 1], object), allow_pickle=True)
+    for value, file in ((np.nan, "nan.npy"), (np.inf, "inf.npy")):
+        bad = good.copy()
+        bad[3, 5] = value
+        np.save(file, bad)
+    Path("text.npy").write_text("no array")
+    Path("broken.exr").write_bytes(bytes.fromhex("762f3101") + bytes(20))
+    Path("empty.gltf").write_text(json.dumps({"asset": {"version": "2.0"}, "scenes": [{"nodes": []}], "scene": 0}))
+    broken = gltf()
+    broken["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = 7
+    Path("broken.gltf").write_text(json.dumps(broken))
+    endless = gltf(lens={"yfov": 0.8, "znear": 0.5})
+    Path("endless.gltf").write_text(json.dumps(endless))
+    hole = gltf(positions=np.array([[-1, 0, -1], [-1, np.nan, 1], [1, 0, 1], [1, 0, -1]], "f4"))
+    for accessor in hole["accessors"]:
+        accessor.pop("min", None)
+        accessor.pop("max", None)
+    Path("nan.gltf").write_text(json.dumps(hole))
+    text, words = BAD[name]
+    Path("scene.toml").write_text(text)
+    before = {path.name for path in folder.iterdir()}
+    assert invoke("scene.toml") == 2
+    message = capsys.readouterr().err
+    for word in words:
+        assert word in message, message
+    assert "Traceback" not in message
+    assert len(message.splitlines()) <= 4, message
+    assert {path.name for path in folder.iterdir()} == before
