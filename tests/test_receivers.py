@@ -285,6 +285,9 @@ def test_a_view_matrix_is_its_camera():
         view[:3, 3] = -view[:3, :3] @ position
         camera = Camera.from_view_matrix(view, 0.5, 80.0, 0.5, 1.4, looks_along=looks)
         np.testing.assert_allclose(camera.to_eye(points), CAMERA.to_eye(points), atol=1e-13)
+    rough = Camera.from_view_matrix(gl.astype(np.float32).round(5), 0.5, 80.0, 0.5, 1.4)  # as a log file has it
+    np.testing.assert_allclose(rough.rotation @ rough.rotation.T, np.eye(3), atol=1e-6)
+    np.testing.assert_allclose(rough.to_eye(points), CAMERA.to_eye(points), atol=1e-4)
     off = Camera.off_centre(position, rotation[2], rotation[1], 0.5, 80.0, tuple(np.asarray(CAMERA.window)))
     np.testing.assert_allclose(off.planes(), CAMERA.planes(), atol=1e-14)
     left = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1, 2, 0.5, handedness="left")

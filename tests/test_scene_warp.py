@@ -150,6 +150,8 @@ def test_outcomes_that_are_no_errors(dtype):
         matrix = warpopt.shadow_matrix(camera, light, solution.footprint, solution.warp)
         assert jnp.isfinite(matrix).all()
         assert Outcome(int(solution.result)).succeeded
+        if expected in (Outcome.empty, Outcome.flat):
+            assert (solution.value, solution.margin) == (0, 0)
 
 
 def test_the_margin_decides_before_solving():

@@ -185,6 +185,7 @@ def minimise(log_norm: LogNorm, min_eta: float) -> FootprintOptimum:
     outcome = jnp.where(inside, outcome, jnp.where(helps, Outcome.unbounded, Outcome.no_warp))
     outcome = jnp.where(fixed.footprint.flat, Outcome.flat, outcome)
     outcome = jnp.where(fixed.footprint.empty, Outcome.empty, outcome).astype(jnp.int32)
+    margin = jnp.where(fixed.footprint.flat | fixed.footprint.empty, 0, margin)
     return FootprintOptimum(u, outcome, jnp.where(inside, residual, 0), margin)
 
 

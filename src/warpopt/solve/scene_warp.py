@@ -25,11 +25,12 @@ class SceneSolution(eqx.Module):
 
     Attributes:
         warp: the optimal `Warp`; its lam and mu are lengths along W's axis, over the receivers.
-        value: the minimal norm, in the units of `LightFrame`'s densities; 0 for no receivers.
+        value: the minimal norm, in the units of `LightFrame`'s densities; 0 for no receivers, and of E_p for receivers
+            at one depth.
         result: an `Outcome`.
         residual: as `Solution.residual`.
         margin: d log(norm) / d log(eta) just below eta = 1. A warp helps iff it is positive: by how much no warp is, or
-            is not, the best.
+            is not, the best. 0 where there is nothing to warp (flat, empty).
         unwarped: the norm without a warp.
         excess: bound on (norm of the grouped receivers) / (norm of each for itself) - 1, at this warp: what it costs
             that points and depth buffers are grouped conservatively. 0 where nothing is.
@@ -145,6 +146,8 @@ def _term(footprint: Footprint, frame: LightFrame, norm: ErrorNorm) -> Term:
     """E_p = density_p mu A^2 / (z eta) and E_q = density_q width A / z: the factors that eta does not change."""
     alpha, beta = norm.metric.alpha, norm.metric.beta
     factor = alpha * jnp.log(footprint.mu * frame.density_p) + beta * jnp.log(frame.density_q)
+    if alpha:  # receivers at one depth have no texels along Z_w
+        factor = jnp.where(footprint.flat, -jnp.inf, factor)
     if not norm.supremum:
         factor = factor - norm.metric.depth_power * jnp.log(footprint.unit)
     return Term(factor, alpha, beta)

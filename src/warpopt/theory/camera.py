@@ -81,7 +81,8 @@ class Camera(eqx.Module):
         """The camera of a world-to-eye matrix.
 
         Args:
-            view: (4, 4), for column vectors (transpose what is made for row vectors); rotation and translation only.
+            view: (4, 4), for column vectors (transpose what is made for row vectors); rotation and translation only,
+                to 1e-4. The nearest view direction and up are made orthonormal.
             near, far, half_fov, aspect: as for the class.
             looks_along: "-z" (OpenGL, Vulkan) or "+z" (Direct3D): the eye axis that points into the scene.
 
@@ -93,8 +94,8 @@ class Camera(eqx.Module):
             raise ValueError(f"view: got shape {view.shape}, expected (4, 4)")
         if looks_along not in ("-z", "+z"):
             raise ValueError(f"looks_along: got {looks_along!r}, expected '-z' or '+z'")
-        tolerance = 1e3 * jnp.finfo(view.dtype).eps  # engines build these in single precision, product by product
-        turn = view[:3, :3]
+        # Engines build these in single precision, product by product, and print them with few digits.
+        tolerance = 1e3 * float(jnp.finfo(jnp.float32).eps)
 
         def rigid(matrix):
             square = matrix[:3, :3] @ matrix[:3, :3].T
@@ -109,7 +110,8 @@ class Camera(eqx.Module):
         forward = turn[2] if looks_along == "+z" else -turn[2]
         camera = cls(position, forward, turn[1], near, far, half_fov, aspect)
         # The matrix's own right hand: a mirrored view stays mirrored.
-        rotation = jnp.stack([turn[0], camera.rotation[1], camera.rotation[2]])
+        side = jnp.where(turn[0] @ camera.rotation[0] < 0, -1, 1)
+        rotation = camera.rotation.at[0].multiply(side)
         return eqx.tree_at(lambda c: c.rotation, camera, rotation)
 
     @classmethod
