@@ -11,6 +11,7 @@ hexadecimal, to rerun it) and `heat_map.png`. `--draws` is a number for each dty
 import argparse
 import contextlib
 import csv
+import functools
 import json
 import multiprocessing
 import os
@@ -85,6 +86,11 @@ def norm_of(d: dict[str, np.ndarray], combination) -> np.ndarray:
     return np.asarray(warpopt.error_norm(frustum_of(d), d["theta"], warp, metric, order, measure))
 
 
+@functools.cache
+def _compiled_rule(name: str):
+    return jax.jit(getattr(warpopt.rules, name))
+
+
 def check_invariants(d: dict[str, np.ndarray], combination) -> tuple[dict[str, float], np.ndarray]:
     """(counts and worst figures over all draws, an indicator of where errors may be largest)."""
     metric, order, measure = combination
@@ -106,7 +112,7 @@ def check_invariants(d: dict[str, np.ndarray], combination) -> tuple[dict[str, f
     }
     below = 0.0
     for name in RULES:
-        warp = getattr(warpopt.rules, name)(frustum, theta)
+        warp = _compiled_rule(name)(frustum, theta)
         rival = np.asarray(warpopt.error_norm(frustum, theta, warp, metric, order, measure), float)
         below = max(below, float(np.nanmax(1 - rival / value)))
     found["optimum_above_a_rule_over_k_eps"] = below / (BLEND_POWER[metric] * eps)
@@ -220,7 +226,8 @@ def run_dtype(dtype, arguments, mapped: Callable[..., list]) -> tuple[dict, list
         found, indicator = check_invariants(d, combination)
         metric, order, measure = combination
         frustum = frustum_of(d)
-        jax.clear_caches()  # each compiled program holds memory maps, of which Linux allows a process 65,530
+        if number % 10 == 9:
+            jax.clear_caches()  # each compiled program holds memory maps, of which Linux allows a process 65,530
         solution = warpopt.optimal_warp(frustum, d["theta"], metric, order, measure, throw=False)
         solution, at_eta = jax.tree.map(np.asarray, solution), norm_of(d, combination)
         order_of_doubt = np.argsort(-indicator)
