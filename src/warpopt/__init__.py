@@ -25,6 +25,8 @@ _HOME = {
     "Outcome": "solve.outcome",
     "SceneSolution": "solve.scene_warp",
     "scene_warp": "solve.scene_warp",
+    "LambdaTable": "table.lambda_table",
+    "build_table": "table.build",
     "aliasing_error": "theory.aliasing",
     "aliasing_error_uz": "theory.aliasing",
     "local_aliasing_error": "theory.aliasing",
@@ -53,6 +55,8 @@ if TYPE_CHECKING:
     from .solve.optimal_warp import Solution, compare_warps, error_norm, optimal_warp
     from .solve.outcome import Outcome
     from .solve.scene_warp import SceneSolution, scene_warp
+    from .table.build import build_table
+    from .table.lambda_table import LambdaTable
     from .theory.aliasing import (
         aliasing_error,
         aliasing_error_uz,

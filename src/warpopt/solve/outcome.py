@@ -31,8 +31,8 @@ class Outcome(enum.IntEnum):
 
 _SENTENCES = {
     Outcome.stationary: "The norm is stationary at the optimum.",
-    Outcome.tie: "The errors of the nearest and of the farthest receivers are equal at the optimum.",
-    Outcome.kink: "At the optimum the near and the far corners of the frustum span the shadow map together.",
+    Outcome.tie: "At the optimum two errors are equal: a near and a far receiver's, or E_p and E_q in their maximum.",
+    Outcome.kink: "At the optimum near and far receivers span the width of the shadow map together.",
     Outcome.no_warp: "No warp (eta = 1) is optimal.",
     Outcome.flat: "All receivers lie at one depth along the warp's axis: there is nothing to warp.",
     Outcome.unbounded: "The norm falls as eta goes to 0: eta is the floor that was asked for (min_eta).",

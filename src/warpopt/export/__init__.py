@@ -1,0 +1,1 @@
+"""Tables as source code for engines."""

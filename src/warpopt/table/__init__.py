@@ -1,0 +1,1 @@
+"""Tables of the optimal warp with a promised accuracy."""
