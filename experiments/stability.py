@@ -86,6 +86,15 @@ def norm_of(d: dict[str, np.ndarray], combination) -> np.ndarray:
     return np.asarray(warpopt.error_norm(frustum_of(d), d["theta"], warp, metric, order, measure))
 
 
+def strata(d: dict[str, np.ndarray], count: int) -> np.ndarray:
+    """Draws spread evenly over theta (every special direction is one) and, within each, over f/n."""
+    theta, ratio = d["theta"].astype(float), d["far"].astype(float) / d["near"].astype(float)
+    kinds = np.unique(theta.round(3), return_inverse=True)[1]
+    common = np.bincount(kinds)[kinds] > 1  # the special directions; all others count as one kind
+    order = np.lexsort((ratio, np.where(common, kinds, -1)))
+    return order[np.linspace(0, len(order) - 1, min(count, len(order))).round().astype(int)]
+
+
 @functools.cache
 def _compiled_rule(name: str):
     return jax.jit(getattr(warpopt.rules, name))
@@ -114,6 +123,7 @@ def check_invariants(d: dict[str, np.ndarray], combination) -> tuple[dict[str, f
     for name in RULES:
         warp = _compiled_rule(name)(frustum, theta)
         rival = np.asarray(warpopt.error_norm(frustum, theta, warp, metric, order, measure), float)
+        found["not_finite"] += int(np.isnan(rival).sum())
         below = max(below, float(np.nanmax(1 - rival / value)))
     found["optimum_above_a_rule_over_k_eps"] = below / (BLEND_POWER[metric] * eps)
     # A power of two scales exactly, so that the answer must be the same to the last bit; 3 rounds the input anew, and
@@ -126,12 +136,16 @@ def check_invariants(d: dict[str, np.ndarray], combination) -> tuple[dict[str, f
     moved = warpopt.optimal_warp(frustum_of(scaled), theta, metric, order, measure, throw=False)
     indicator = np.abs(np.asarray(moved.value, float) / value - 1) / eps + residual / eps
 
-    def total(*inputs):
-        eta, log_value = eta_and_log_value(*inputs, metric, order, measure)
-        return eta.sum() + log_value.sum()
+    def total(near, far, half_fov, theta, eta):
+        best, log_value = eta_and_log_value(near, far, half_fov, theta, metric, order, measure)
+        if eps > 1e-10:  # in single precision norms at any eta may overflow, and rightly have no derivative
+            return best.sum() + log_value.sum()
+        warp = warpopt.Warp(eta, 1 - eta, jnp.ones_like(eta), jnp.ones((), bool))
+        norms = warpopt.error_norm(warpopt.ViewFrustum(near, far, half_fov), theta, warp, metric, order, measure)
+        return best.sum() + log_value.sum() + jnp.log(norms).sum()
 
-    gradients = jax.grad(total, argnums=(0, 1, 2, 3))(
-        *(jnp.asarray(d[k]) for k in ("near", "far", "half_fov", "theta"))
+    gradients = jax.grad(total, argnums=(0, 1, 2, 3, 4))(
+        *(jnp.asarray(d[k]) for k in ("near", "far", "half_fov", "theta", "eta"))
     )
     found["gradient_not_finite"] = int(sum((~np.isfinite(np.asarray(g))).sum() for g in gradients))
     return found, np.nan_to_num(indicator, nan=np.inf)
@@ -231,7 +245,7 @@ def run_dtype(dtype, arguments, mapped: Callable[..., list]) -> tuple[dict, list
         solution = warpopt.optimal_warp(frustum, d["theta"], metric, order, measure, throw=False)
         solution, at_eta = jax.tree.map(np.asarray, solution), norm_of(d, combination)
         order_of_doubt = np.argsort(-indicator)
-        chosen = np.unique(np.concatenate([np.arange(stratified), order_of_doubt[:hardest]]))
+        chosen = np.unique(np.concatenate([strata(d, stratified), order_of_doubt[:hardest]]))
         errors = mapped(reference_errors, answers(d, chosen, solution, at_eta, combination))
         for key in ("regret_over_k_eps", "value_ulp", "norm_ulp"):
             values = np.array([e[key] for e in errors])
@@ -331,7 +345,7 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--directory", type=Path, default=Path("runs/stability"))
     parser.add_argument("--draws", type=int, default=1_040_000)
     parser.add_argument("--references", type=int, default=3_000, help="stratified draws, and as many of the worst")
-    parser.add_argument("--points", type=int, default=1_000)
+    parser.add_argument("--points", type=int, default=3_000)
     parser.add_argument("--combinations", type=int, default=len(COMBINATIONS), help="evenly chosen, for a short run")
     parser.add_argument("--processes", type=int, default=os.cpu_count(), help="for the references")
     parser.add_argument("--page", type=Path, help="a page with a place for `stability`")
