@@ -20,8 +20,8 @@ _POWERS = {"p": (1, 0), "q": (0, 1), "pxq": (1, 1)}
 _SMALLEST = np.log(1e-9)  # of log eta; E_pxq's optimum at f/n = 1e4 is about 1e-5
 
 
-def errors_as_printed(eta, z, u, n, f, phi, theta, metric, xp):
-    """(E, d log E / d lambda) at height fraction u and depth z, through lambda and z_w."""
+def errors_as_printed(eta, z, u, n, f, phi, theta, metric, xp, with_slope=False):
+    """(E, d log E / d lambda if asked for) at height fraction u and depth z, through lambda and z_w."""
     s, c, tan = xp.sin(theta), xp.cos(theta), xp.tan(phi)
     a = s - tan * c
     d0 = xp.where(a >= 0, n * a, f * a)
@@ -34,9 +34,11 @@ def errors_as_printed(eta, z, u, n, f, phi, theta, metric, xp):
     error, slope = 1.0, 0.0
     if alpha:
         error = mu * z_w**2 / (tan * lam * (lam + mu) * z)
-        slope = 2 / z_w - 1 / lam - 1 / (lam + mu)
+        slope = 2 / z_w - 1 / lam - 1 / (lam + mu) if with_slope else None
     if beta:
         error = error * (2 * xp.maximum(corner_near, corner_far) * z_w / (tan * z))
+        if not with_slope:
+            return error, None
         slope = slope + 1 / z_w - 1 / xp.where(corner_near > corner_far, lam + n * a - d0, lam + f * a - d0)
     return error, slope
 
@@ -47,20 +49,23 @@ def nodes(order: int) -> tuple[np.ndarray, np.ndarray]:
     return (1 + x) / 2, w / 2
 
 
-def norm_as_printed(eta, problem, metric, norm, measure, order, xp):
-    """(norm, a multiple > 0 of its derivative in eta): `order` nodes in log depth, exact in height."""
+def norm_as_printed(eta, problem, metric, norm, measure, order, xp, with_slope=False):
+    """(norm, a multiple > 0 of its derivative in eta if asked for): `order` nodes in log depth, exact in height."""
     n, f, phi, theta = (xp.asarray(v)[..., None, None] for v in problem)
     eta = xp.asarray(eta)[..., None, None]
     if norm == "inf":
-        error, slope = errors_as_printed(eta, xp.stack([n, f], -1)[..., 0, :], 1.0, n, f, phi, theta, metric, xp)
+        z = xp.stack([n, f], -1)[..., 0, :]
+        error, slope = errors_as_printed(eta, z, 1.0, n, f, phi, theta, metric, xp, with_slope)
         near_rules = error[..., 0, 0] > error[..., 0, 1]
-        return tuple(xp.where(near_rules, v[..., 0, 0], v[..., 0, 1]) for v in (error, slope))
+        asked = (error, slope) if with_slope else (error,)
+        return tuple(xp.where(near_rules, v[..., 0, 0], v[..., 0, 1]) for v in asked)
     (t, w), (u, v) = nodes(order), nodes(sum(_POWERS[metric]) + _POWERS[metric][0] + 1)
     z = n * (f / n) ** t
     density = w * v[:, None] * z ** (1.0 if measure == "screen" else 3.0)
-    error, slope = errors_as_printed(eta, z, u[:, None], n, f, phi, theta, metric, xp)
+    error, slope = errors_as_printed(eta, z, u[:, None], n, f, phi, theta, metric, xp, with_slope)
     weighted = density * error**2
-    return xp.sqrt(weighted.sum((-1, -2)) / density.sum((-1, -2))), (weighted * slope).sum((-1, -2))
+    value = xp.sqrt(weighted.sum((-1, -2)) / density.sum((-1, -2)))
+    return (value, (weighted * slope).sum((-1, -2))) if with_slope else (value,)
 
 
 def least_order(sample, tolerance: float) -> int:
@@ -71,7 +76,7 @@ def least_order(sample, tolerance: float) -> int:
     eta = np.array([float(min(b.eta, 1 - 1e-9)) for b in sample.best])
     exact = np.array([float(p.norm(e)) for p, e in zip(sample.exact, eta, strict=True)])
     for order in (4, 6, 8, 10, 12, 14, 16, 20, 24, 32):
-        value, _ = norm_as_printed(eta, sample.problem, metric, norm, measure, order, np)
+        (value,) = norm_as_printed(eta, sample.problem, metric, norm, measure, order, np)
         if np.abs(value / exact - 1).max() < tolerance:
             return order
     return 48
@@ -108,7 +113,7 @@ def scipy_vectorised(sample, problems, seconds) -> list[dict]:
         return norm_as_printed(np.exp(log_eta), problem, metric, norm, measure, order, np)[0]
 
     def slope(log_eta, *problem):
-        return norm_as_printed(np.exp(log_eta), problem, metric, norm, measure, order, np)[1]
+        return norm_as_printed(np.exp(log_eta), problem, metric, norm, measure, order, np, True)[1]
 
     def minimum(problem):
         start, ends = np.full(len(problem[0]), -1.0), {"xmin": _SMALLEST, "xmax": -1e-9}
@@ -123,7 +128,7 @@ def scipy_vectorised(sample, problems, seconds) -> list[dict]:
 
     rows, count = [], len(problems[0])
     for name, solve in (("find_minimum", minimum), ("find_root", root)):
-        timing = seconds(lambda s=solve: s(problems), 1)
+        timing = seconds(lambda s=solve: s(problems), 2)
         rows.append(
             sample.row(f"SciPy elementwise.{name}", f"order={order}", timing / count, count, solve(sample.problem))
         )
@@ -159,6 +164,6 @@ def general_minimiser(sample, name: str, solver: optx.AbstractMinimiser, problem
 
     solve, count = jax.jit(jax.vmap(solve_one)), len(problems[0])
     many = tuple(map(jnp.asarray, problems))
-    timing = seconds(lambda: solve(many), 1)
+    timing = seconds(lambda: solve(many), 2)
     eta = np.clip(np.nan_to_num(np.asarray(solve(tuple(map(jnp.asarray, sample.problem)))), nan=1.0), 1e-12, 1.0)
     return sample.row(f"optimistix {name}", f"rtol={solver.rtol:g}", timing / count, count, eta)

@@ -63,6 +63,14 @@ def measure_targets(rows: list[dict], arguments) -> dict[str, dict]:
             "per solve, both vectorised",
         )
 
+    for measure in ("volume", "screen"):
+        for word, target in (("median", "<= 1e-12"), ("worst", "<= 1e-10")):
+            error = max(
+                [r[f"eta_error_{word}"] for r in rows if r["method"] == "warpopt" and r["measure"] == measure],
+                default=np.nan,
+            )
+            put(f"error of eta, {word}, every metric and norm, {measure}", error, target, "interior optima, f/n <= 1e4")
+
     def solve_time(metric, norm, measure) -> float:
         return seconds(lambda: warpopt.optimal_warp(frustum, theta, metric, norm, measure, throw=False))
 

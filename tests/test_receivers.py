@@ -129,6 +129,88 @@ def test_boxes_behind_or_beside_the_view_are_empty():
         assert solution.warp.eta == 1
 
 
+def test_nothing_at_all_is_empty():
+    """No points, the bounds of no objects, weights of zero: outcomes of a frame loop; casters may be none too."""
+    nothing = (
+        PointReceivers(np.zeros((0, 3))), PointReceivers(np.zeros((3, 3)), np.zeros(3)),
+        ConvexBody.box((np.inf,) * 3, (-np.inf,) * 3), ConvexBody.box((0, 0, 0), (1, -1, 1)),
+    )  # fmt: skip
+    for receivers in nothing:
+        for norm in ("inf", "l2"):
+            solution = scene_warp(CAMERA, LIGHT, receivers, norm=norm)
+            assert Outcome(int(solution.result)) == Outcome.empty
+    matrix = warpopt.shadow_matrix(CAMERA, LIGHT, WholeFrustum(), solution.warp, casters=np.zeros((0, 3)))
+    plain = warpopt.shadow_matrix(CAMERA, LIGHT, WholeFrustum(), solution.warp)
+    np.testing.assert_allclose(matrix, plain, rtol=1e-12)
+
+
+def test_an_infinite_box_is_the_whole_frustum():
+    whole, body = (
+        scene_warp(CAMERA, LIGHT, receivers, "p", "l2")
+        for receivers in (WholeFrustum(), ConvexBody.box((-np.inf,) * 3, (np.inf,) * 3))
+    )
+    np.testing.assert_allclose(body.warp.eta, whole.warp.eta, rtol=1e-12)
+
+
+def test_points_on_the_frustums_boundary_are_seen():
+    """Its own corners as points are the whole frustum in L-inf, in any pose: none is lost to rounding."""
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        camera = Camera(rng.normal(size=3) * 30, rng.normal(size=3), rng.normal(size=3), 0.3, 200.0, 0.5, 1.6)
+        light = DirectionalLight(rng.normal(size=3))
+        corners = np.asarray(camera.corner_slopes())
+        eye = np.concatenate([corners * 0.3, corners * 200.0])
+        world = eye @ np.asarray(camera.rotation) + np.asarray(camera.position)
+        points, whole = (scene_warp(camera, light, r, "pxq") for r in (PointReceivers(world), WholeFrustum()))
+        np.testing.assert_allclose(points.value, whole.value, rtol=1e-11)  # eps |position| / near
+        np.testing.assert_allclose(points.warp.eta, whole.warp.eta, rtol=1e-11)
+
+
+def test_the_excess_bounds_the_regret_of_grouping():
+    """Many points in few groups against a search over eta with every point for itself."""
+    etas = np.geomspace(1e-3, 1, 4000)
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        z = np.exp(rng.uniform(0, 4, 600))
+        points = np.c_[rng.uniform(-0.5, 0.5, (600, 2)) * z[:, None], -z]
+        camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), 0.5, 80.0, 0.5)
+        light = DirectionalLight(rng.normal(size=3))
+        grouped = scene_warp(camera, light, PointReceivers(points), "pxq")
+        alone = [scene_warp(camera, light, PointReceivers(part), "pxq") for part in np.array_split(points, 3)]
+        assert all(part.excess == 0 for part in alone)
+        found, x, z = grouped.coordinates(camera.to_eye(points))
+        depth, x, depths = (np.asarray(v) for v in (found.delta, x, z))
+        blend = (1 - depth) * etas[:, None] + depth
+        width = (x / blend).max(1) - (x / blend).min(1)
+        along = float(grouped.frame.density_p * grouped.footprint.mu) * blend**2 / etas[:, None] / depths
+        across = float(grouped.frame.density_q) * width[:, None] * blend / depths
+        exact = (along * across).max(1).min()
+        regret = float(grouped.value) / exact - 1
+        assert -0.004 < regret <= float(grouped.excess) + 1e-9  # a step of the grid is 0.17 %
+        assert grouped.excess < 0.2
+
+
+def test_receivers_on_the_axis_alone_have_nothing_to_warp_across():
+    """E_q and E_pxq are zero for every warp: none is the answer, and the larger eta of a flat minimum."""
+    camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), 0.5, 80.0, 0.5)
+    points = np.array([[0, 0, -5.0], [0, 0, -20], [0, 0, -60]])
+    for metric in ("q", "pxq"):
+        solution = scene_warp(camera, DirectionalLight((0.0, -1, -0.3)), PointReceivers(points), metric)
+        assert Outcome(int(solution.result)) == Outcome.no_warp
+        assert (solution.warp.eta, solution.margin, solution.value) == (1, 0, 0)
+    assert scene_warp(camera, DirectionalLight((0.0, -1, -0.3)), PointReceivers(points), "p").warp.eta < 0.9
+
+
+def test_a_histogram_is_cut_by_the_view_as_it_says():
+    """A bin that begins before the near plane keeps the share of its count that lies behind it."""
+    camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), 5.0, 200.0, 0.4)
+    cut, plain = (
+        scene_warp(camera, LIGHT, DepthHistogram(*bins), "p", "l2")
+        for bins in (((1, 10, 100), (9, 1)), ((5, 10, 100), (5, 1)))
+    )
+    np.testing.assert_allclose(cut.value, plain.value, rtol=1e-12)
+
+
 def image(height=54, width=90):
     """Eye depths of a hilly ground under a sky, and each pixel's world point."""
     left, right, bottom, top = np.asarray(CAMERA.window)
@@ -247,13 +329,23 @@ def test_gradients_are_those_of_the_whole_solve_and_finite_everywhere():
     (lambda: Camera((0, 0, np.nan), (0, 0, 1), (0, 1, 0), 1, 2, 0.5), "position: got nan, expected finite"),
     (lambda: Camera((0, 0), (0, 0, 1), (0, 1, 0), 1, 2, 0.5), r"position: got shape \(2,\), expected \(3,\)"),
     (lambda: Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1, 2, 0.5, -1), "aspect: got -1.0"),
-    (lambda: Camera.from_view_matrix(np.zeros((4, 4)), 1, 2, 0.5), "view: got 0.0, expected a rigid"),
+    (lambda: Camera.from_view_matrix(np.zeros((4, 4)), 1, 2, 0.5), "view: got 0.0, expected a regular, rigid"),
     (lambda: Camera.from_view_matrix(np.eye(3), 1, 2, 0.5), r"view: got shape \(3, 3\)"),
     (lambda: Camera.off_centre((0, 0, 0), (0, 0, 1), (0, 1, 0), 1, 2, (1, -1, -1, 1)), "window: got .* left < right"),
     (lambda: DirectionalLight((0, 0, 0)), "direction: got 0.0, expected a vector that is not zero"),
     (lambda: DirectionalLight((0, np.nan, 0)), "direction: got nan, expected finite numbers"),
     (lambda: ConvexBody(np.zeros((2, 4))), "normals that are not zero"),
-    (lambda: ConvexBody.box((0, 0, 0), (1, -1, 1)), "upper: got -1.0, expected at least the lower corner"),
+    (lambda: ConvexBody.box((0, 0, np.nan), (1, 1, 1)), "lower: got nan, expected numbers"),
+    (lambda: Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), [1, 2], 3, 0.5), r"got shape \(2,\), expected numbers"),
+    (lambda: Camera.off_centre((0, 0, 0), (0, 0, 1), (0, 1, 0), 1, 2, (0, 1, 2)), "window: got 3 numbers"),
+    (lambda: scene_warp(CAMERA, (0, 0, 1)), r"light: got \(0, 0, 1\), expected a DirectionalLight"),
+    (lambda: scene_warp(CAMERA, LIGHT, np.zeros((3, 3))), "receivers: got ndarray"),
+    (lambda: scene_warp(CAMERA, LIGHT, screen=5, shadow_map=(1, 1)), "screen: got 5, expected two positive numbers"),
+    (lambda: warpopt.shadow_matrix(CAMERA, LIGHT, WholeFrustum(), 0.5), "warp: got 0.5, expected a Warp"),
+    (lambda: warpopt.shadow_matrix(CAMERA, LIGHT, WholeFrustum(), warpopt.Warp.from_eta(1.0, 1.0), "vulkan"),
+     "convention: got 'vulkan', expected a ClipSpace"),
+    (lambda: warpopt.shadow_matrix(CAMERA, LIGHT, WholeFrustum(), warpopt.Warp.from_eta(1.0, 1.0), padding=(0.5, 0.1)),
+     "padding: got"),
     (lambda: ConvexBody(np.eye(4), "axis"), "measure: got 'axis'"),
     (lambda: PointReceivers(np.zeros(3)), r"points: got shape \(3,\), expected \(N, 3\)"),
     (lambda: PointReceivers(np.zeros((2, 3)), [1.0]), r"weights: got shape \(1,\), expected \(2,\)"),

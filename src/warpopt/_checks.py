@@ -30,6 +30,17 @@ def float_arrays(**named: ArrayLike) -> list[Array]:
     return [jnp.asarray(value, dtype) for value in values.values()]
 
 
+def instance(name: str, value: Any, kind: type) -> None:
+    """Refuse what is of another class.
+
+    Raises:
+        ValueError: naming the argument, what was got and what was expected.
+    """
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        raise ValueError(f"{name}: got {value!r}, expected {article} {kind.__name__}")
+
+
 def joint_shape(**named: Array) -> tuple[int, ...]:
     """The shape that the arrays broadcast to.
 

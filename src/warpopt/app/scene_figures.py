@@ -38,9 +38,11 @@ def write_scene_figures(
         if shown < len(_objectives(solved)):
             caption += f" The first {shown} of {len(_objectives(solved))} objectives."
         figures.append(("light_path", caption))
-    chosen = drawable
-    if len(drawable) > MOST_MAPS:
-        chosen = [drawable[i] for i in np.linspace(0, len(drawable) - 1, MOST_MAPS).round().astype(int)]
+    # The same cameras and lights for every objective, so that pictures can be compared.
+    places = sorted({(s.camera, s.light) for s in drawable})
+    count = min(len(places), max(1, MOST_MAPS // max(1, len(_objectives(solved)))))
+    shown_places = {places[i] for i in np.linspace(0, len(places) - 1, count).round().astype(int)} if places else set()
+    chosen = [s for s in drawable if (s.camera, s.light) in shown_places][:MOST_MAPS]
     for s in chosen:
         seen = seen_of(config, scene, s)
         if not np.isfinite(seen.depth).any():
@@ -52,8 +54,10 @@ def write_scene_figures(
         hours = [f"{step.hour:.4g}" for step in scene.steps if step.light == s.light and step.hour is not None]
         when = f", at {style.listed(hours)} h" if hours else ""
         caption = f"Error at each {where}, {s.title}{when}."
-        if len(drawable) > MOST_MAPS:
-            caption += f" One of {MOST_MAPS} pictures, evenly chosen from {len(drawable)} problems."
+        if config.objective.screen:
+            caption += " The thin line: one pixel per texel."
+        if len(drawable) > len(chosen):
+            caption += f" One of {len(chosen)} pictures, lights evenly chosen, from {len(drawable)} problems."
         figures.append((stem, caption))
     return figures
 

@@ -55,23 +55,28 @@ class ConvexBody(eqx.Module):
         if measure not in _MEASURE_EXPONENT:
             raise ValueError(f"measure: got {measure!r}, expected one of {', '.join(map(repr, _MEASURE_EXPONENT))}")
         planes = checked("planes", planes, lambda p: jnp.isfinite(p), "finite numbers")
-        lengths = jnp.sqrt((planes[:, :3] ** 2).sum(1))
-        lengths = checked("planes", lengths, lambda v: v > 0, "normals that are not zero")
-        self.planes = planes / lengths[:, None]
+        largest = jnp.abs(planes[:, :3]).max(1)  # first, so that no square over- or underflows
+        planes = planes / checked("planes", largest, lambda v: v > 0, "normals that are not zero")[:, None]
+        self.planes = planes / jnp.sqrt((planes[:, :3] ** 2).sum(1))[:, None]
         self.measure = measure
 
     @classmethod
     def box(cls, lower: ArrayLike, upper: ArrayLike, measure: Measure = "screen") -> "ConvexBody":
-        """The axis-parallel box between two world points (3,).
+        """The axis-parallel box between two world points (3,), which may be infinite.
+
+        A box with lower > upper anywhere, such as the bounds of no objects (inf to -inf), is empty.
 
         Raises:
-            ValueError: also where lower > upper.
+            ValueError: for a wrong shape or NaN.
         """
         lower, upper = float_arrays(lower=lower, upper=upper)
         for name, value in (("lower", lower), ("upper", upper)):
             if value.shape != (3,):
                 raise ValueError(f"{name}: got shape {value.shape}, expected (3,)")
-        upper = checked("upper", upper, lambda v: v >= lower, "at least the lower corner")
+            checked(name, value, lambda v: ~jnp.isnan(v), "numbers")
+        # Far enough for any frustum, near enough for the squares of what is clipped there.
+        reach = float(jnp.finfo(lower.dtype).max) ** 0.25
+        lower, upper = (jnp.clip(value, -reach, reach) for value in (lower, upper))
         eye = jnp.eye(3, dtype=lower.dtype)
         return cls(jnp.concatenate([jnp.c_[eye, -lower], jnp.c_[-eye, upper]]), measure)
 

@@ -51,8 +51,10 @@ class DepthHistogram(eqx.Module):
 
     def footprint(self, camera: Camera, frame: LightFrame, norm: ErrorNorm) -> Footprint:
         """See `Receivers`. Each bin is a slab of the frustum, and a group."""
-        edges = jnp.clip(self.edges.astype(camera.near.dtype), camera.near, camera.far)
-        there = (self.counts > 0) & (edges[1:] > edges[:-1])
+        whole = self.edges.astype(camera.near.dtype)
+        edges = jnp.clip(whole, camera.near, camera.far)
+        counts = self.counts * jnp.diff(edges) / jnp.diff(whole)  # evenly in depth: what is cut off takes its share
+        there = (counts > 0) & (edges[1:] > edges[:-1])
         corners = camera.corner_slopes()
 
         def ends(axis: Array) -> tuple[Array, Array]:
@@ -69,7 +71,7 @@ class DepthHistogram(eqx.Module):
         t, w = unit_nodes(degree // 2 + 8, edges.dtype)  # a bin's z ratio of 10 still leaves 1e-10 of the integral
         inner = edges[:-1, None] + jnp.diff(edges)[:, None] * t
         d = (points @ frame.z_axis)[:, None, None] * inner
-        mass = jnp.where(there, self.counts, 0)[:, None] * w * weights[:, None, None]
+        mass = jnp.where(there, counts, 0)[:, None] * w * weights[:, None, None]
         unit = jnp.where(footprint.empty, 1, z.min())
         rows = d, jnp.broadcast_to(jnp.where(there[:, None], inner, unit), d.shape), mass
         return with_moments(footprint, rows, lambda row: (footprint.share(row[0]), row[1] / unit, row[2]), unit, norm)

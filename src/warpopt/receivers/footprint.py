@@ -54,6 +54,7 @@ class Footprint(eqx.Module):
         unit: the length that is 1 in them.
         empty: no receivers at all.
         flat: all receivers at one depth along Z_w, up to rounding: nothing to warp.
+        grouped: whether some group holds more than one receiver.
     """
 
     start: Float[Array, ""]
@@ -65,6 +66,7 @@ class Footprint(eqx.Module):
     unit: Float[Array, ""]
     empty: Bool[Array, ""]
     flat: Bool[Array, ""]
+    grouped: bool = eqx.field(static=True, default=False)
 
     def half_widths(self, eta: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """(largest (axis - x)/A, largest (x - axis)/A): what the map must span on either side of W's axis."""
@@ -84,14 +86,12 @@ class Footprint(eqx.Module):
         return Depth(*(jnp.where(v > 0, v, 0) for v in (delta, rest)))
 
     def at_best(self) -> "Footprint":
-        """What the same groups would be if each receiver had its group's other depth: a bound from below.
+        """For a `grouped` footprint: the same groups if each receiver had its group's other depth.
 
-        The norm of this and of the footprint itself enclose that of the receivers one by one.
+        At every eta the norm of this and that of the footprint itself enclose that of the receivers one by one.
         """
-        nearest = self.nearest.depth
-        if self.nearest.z.shape == self.sides.right.shape:  # else the axis measure, which groups nothing
-            nearest = self.sides.depth
-        return eqx.tree_at(lambda f: (f.nearest.depth, f.sides.depth), self, (nearest, self.sides.farthest))
+        depths = self.sides.depth, self.sides.farthest
+        return eqx.tree_at(lambda f: (f.nearest.depth, f.sides.depth), self, depths)
 
 
 class Receivers(Protocol):

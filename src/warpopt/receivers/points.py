@@ -45,7 +45,8 @@ class Groups(eqx.Module):
 class PointReceivers(eqx.Module):
     """Points, such as a sample of the visible surfaces.
 
-    Points outside the view frustum are not seen and count for nothing; so do points of weight 0.
+    Points outside the view frustum are not seen and count for nothing; so do points of weight 0. No points at all are
+    an empty scene.
 
     Args:
         points: (N, 3) in world space.
@@ -80,8 +81,15 @@ class PointReceivers(eqx.Module):
 
     def footprint(self, camera: Camera, frame: LightFrame, norm: ErrorNorm) -> Footprint:
         """See `Receivers`. Exact for at most `BINS` points, conservative beyond: `Footprint`'s groups."""
-        points = camera.to_eye(self.points)
-        seen = (self.weights > 0) & (points @ camera.planes()[:, :3].T + camera.planes()[:, 3] >= 0).all(1)
+        world, weights = self.points, self.weights
+        if not len(world):  # one point of no weight: empty
+            world, weights = jnp.zeros((1, 3), world.dtype), jnp.zeros((1,), world.dtype)
+        points = camera.to_eye(world)
+        planes = camera.planes()
+        # On the boundary is seen: a far plane's corner must not be lost to the rounding of its transformation.
+        size = jnp.abs(points).max(1) + jnp.abs(camera.position).max()
+        slack = 64 * jnp.finfo(points.dtype).eps * size[:, None]
+        seen = (weights > 0) & (points @ planes[:, :3].T + planes[:, 3] >= -slack).all(1)
         points = jnp.where(seen[:, None], points, jnp.array([0.0, 0.0, 1.0], points.dtype))
         d, x, z = frame.depth(points), frame.lateral(points), points[:, 2]
         h = frame.along_light(points)
@@ -91,11 +99,11 @@ class PointReceivers(eqx.Module):
             start, end = _ends(seen, d)
             share = (d - start) / jnp.where(end > start, end - start, 1)
             groups = grouped(seen, d, x, h, z, bin_of(jnp.where(seen, share, 0)), BINS)
-        footprint = from_groups(groups, camera.near)
+        footprint = from_groups(groups, camera.near, len(points) > BINS)
         if norm.supremum:
             return footprint
         unit = jnp.where(seen.any(), jnp.where(seen, z, jnp.inf).min(), 1)
-        weights = jnp.where(seen, self.weights, 0)
+        weights = jnp.where(seen, weights, 0)
         rows = tuple(_in_rows(v, fill) for v, fill in ((d, footprint.start), (z, unit), (weights, 0)))
         return with_moments(footprint, rows, lambda row: (footprint.share(row[0]), row[1] / unit, row[2]), unit, norm)
 
@@ -121,7 +129,7 @@ def _ends(seen: Bool[Array, "..."], values: Float[Array, "..."]) -> tuple[Array,
     return jnp.where(there, least, 0), jnp.where(there, largest, 0)
 
 
-def from_groups(groups: Groups, near: Array) -> Footprint:
+def from_groups(groups: Groups, near: Array, grouped: bool = True) -> Footprint:
     """The footprint that no receiver of any group exceeds: the fit is conservative, and exact for groups of one."""
     there = jnp.isfinite(groups.z)
     start, _ = _ends(there, groups.least_depth)
@@ -151,6 +159,7 @@ def from_groups(groups: Groups, near: Array) -> Footprint:
         near,
         ~there.any(),
         flat,
+        grouped,
     )
 
 

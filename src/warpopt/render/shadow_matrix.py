@@ -1,13 +1,15 @@
 """The matrix that takes world points into the warped shadow map, WI's product S_w = F W_p W_v R L_p L_v."""
 
 import dataclasses
+import functools
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from .._checks import checked, float_arrays
+from .._checks import checked, float_arrays, instance
 from ..receivers.footprint import Footprint, Receivers
 from ..theory.camera import Camera, DirectionalLight
 from ..theory.error_norm import ErrorNorm
@@ -61,6 +63,7 @@ def shadow_matrix(
     convention: ClipSpace | None = None,
     *,
     casters: ArrayLike | None = None,
+    padding: tuple[float, float] = (0.0, 0.0),
 ) -> Float[Array, "4 4"]:
     """World to clip space of the shadow map, fitted to the receivers.
 
@@ -74,9 +77,11 @@ def shadow_matrix(
         convention: a `ClipSpace`; OpenGL's by default.
         casters: (N, 3) world points of what casts shadows (the corners of the scene's box will do): the map's depth
             begins at the one nearest to the light. By default it begins at the receivers.
+        padding: fractions of the map, along (t, s), to keep free at either edge: (1/width, 1/height) leaves room for
+            filters of a texel, and for `texel_snap`.
 
     Raises:
-        ValueError: for casters of a wrong shape or not finite.
+        ValueError: for casters of a wrong shape or not finite, or a padding outside [0, 1/2).
 
     First derivatives grow as 1/sin(theta); where light and view are parallel (see `LightFrame`) they are zero in what
     turns W about the view.
@@ -91,13 +96,27 @@ def shadow_matrix(
         >>> [round(float(v), 6) + 0.0 for v in (x / w, y / w)]
         [0.0, -1.0]
     """
-    convention = ClipSpace() if convention is None else convention
+    convention = _checked_convention(convention)
+    if not (isinstance(padding, tuple) and len(padding) == 2 and all(0 <= v < 0.5 for v in padding)):
+        raise ValueError(f"padding: got {padding!r}, expected two fractions in [0, 1/2)")
+    for name, value, kind in (("camera", camera, Camera), ("light", light, DirectionalLight), ("warp", warp, Warp)):
+        instance(name, value, kind)
+    if casters is not None:
+        (casters,) = float_arrays(casters=casters)
+        if casters.ndim != 2 or casters.shape[1] != 3:
+            raise ValueError(f"casters: got shape {casters.shape}, expected (N, 3)")
+        casters = checked("casters", casters, lambda v: jnp.isfinite(v), "finite numbers")
+    return _matrix(camera, light, receivers, warp.eta, casters, convention, padding)
+
+
+@functools.partial(jax.jit, static_argnames=("convention", "padding"))
+def _matrix(camera, light, receivers, eta, casters, convention: ClipSpace, padding: tuple[float, float]):
     frame = LightFrame(camera, light)
     if isinstance(receivers, Footprint):
         footprint = receivers
     else:
         footprint = receivers.footprint(camera, frame, ErrorNorm.of("p", "inf", "screen"))
-    eta = warp.eta.astype(camera.position.dtype)
+    eta = eta.astype(camera.position.dtype)
     reference, least, largest = _light_range(camera, frame, footprint, eta, casters)
     left, right = footprint.half_widths(eta)
     width = jnp.where(left + right > 0, left + right, 1)
@@ -114,11 +133,14 @@ def shadow_matrix(
     w_p = jnp.eye(4, dtype=mu.dtype).at[3].set(jnp.stack([jnp.zeros_like(eta), jnp.zeros_like(eta), 1 - eta, eta]))
     # F: to t, depth and s in [0, 1], then to clip space.
     span = jnp.where(largest > least, largest - least, 1)
+    pad_t, pad_s = padding
     f = _affine(
         jnp.diag(jnp.stack([mu / width, mu / span, jnp.ones_like(mu)])),
         jnp.stack([jnp.where(left + right > 0, left / width, 0.5), -least / span, jnp.zeros_like(mu)]),
     )
-    matrix = _to_clip(convention, mu.dtype) @ f @ w_p @ w_v @ l_p @ l_v
+    inner = np.diag([1 - 2 * pad_t, 1.0, 1 - 2 * pad_s, 1.0]).astype(mu.dtype)
+    inner[0, 3], inner[2, 3] = pad_t, pad_s
+    matrix = _to_clip(convention, mu.dtype) @ inner @ f @ w_p @ w_v @ l_p @ l_v
     return matrix.T if convention.row_vectors else matrix
 
 
@@ -127,11 +149,11 @@ def texel_snap(
 ) -> Float[Array, "4 4"]:
     """An unwarped shadow matrix moved by less than a texel, so that the world's origin lies on a texel's corner.
 
-    With a fit of constant size this keeps shadow edges from crawling as the camera moves. There is no such thing for a
-    warp, whose texels differ in size.
+    Where the fit keeps its size (the whole frustum's does while the camera moves without turning) this keeps shadow
+    edges from crawling. There is no such thing for a warp, whose texels differ in size.
 
     Args:
-        matrix: from `shadow_matrix` with eta = 1.
+        matrix: from `shadow_matrix` with eta = 1 and a padding of a texel, into which receivers may move.
         resolution: texels along (t, s).
         convention: the one that the matrix was made for.
 
@@ -144,11 +166,11 @@ def texel_snap(
         >>> round(float(moved[0, 3]), 3)   # texels are 0.5 wide in clip space
         0.5
     """
-    convention = ClipSpace() if convention is None else convention
+    convention = _checked_convention(convention)
     (matrix,) = float_arrays(matrix=matrix)
     if matrix.shape != (4, 4):
         raise ValueError(f"matrix: got shape {matrix.shape}, expected (4, 4)")
-    if len(resolution) != 2 or not all(size > 0 for size in resolution):
+    if not isinstance(resolution, tuple | list) or len(resolution) != 2 or not all(size > 0 for size in resolution):
         raise ValueError(f"resolution: got {resolution!r}, expected two positive numbers")
     columns = matrix.T if convention.row_vectors else matrix
     last = checked(
@@ -158,6 +180,14 @@ def texel_snap(
     offset = columns[:2, 3]
     snapped = jnp.concatenate([columns[:3].at[:2, 3].set(jnp.round(offset * texels) / texels), last[None]])
     return snapped.T if convention.row_vectors else snapped
+
+
+def _checked_convention(convention: ClipSpace | None) -> ClipSpace:
+    if convention is None:
+        return ClipSpace()
+    if not isinstance(convention, ClipSpace):
+        raise ValueError(f"convention: got {convention!r}, expected a ClipSpace, such as ClipSpace.vulkan()")
+    return convention
 
 
 def _light_range(camera, frame: LightFrame, footprint: Footprint, eta: Array, casters) -> tuple[Array, Array, Array]:
@@ -170,11 +200,7 @@ def _light_range(camera, frame: LightFrame, footprint: Footprint, eta: Array, ca
     start = jnp.where(there, sides.light_least, first)
     end = jnp.where(there, sides.light_largest, last)
     if casters is not None:
-        (casters,) = float_arrays(casters=casters)
-        if casters.ndim != 2 or casters.shape[1] != 3:
-            raise ValueError(f"casters: got shape {casters.shape}, expected (N, 3)")
-        casters = checked("casters", casters, lambda v: jnp.isfinite(v), "finite numbers")
-        nearest = frame.along_light(camera.to_eye(casters)).min()
+        nearest = jnp.append(frame.along_light(camera.to_eye(casters)), first).min()
         start = jnp.where(nearest < start, nearest, start)  # in the light's way to any receiver
     # Any reference serves; the middle of the receivers keeps the digits of what is divided by a small A.
     reference = (first + last) / 2

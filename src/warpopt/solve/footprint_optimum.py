@@ -167,7 +167,12 @@ def minimise(log_norm: LogNorm, min_eta: float) -> FootprintOptimum:
     # Slopes are sums of a few terms of order one: below this they are rounding, and the minimum is flat.
     noise = 16 * eps
     margin, at_floor = rise(upper, None)[0], rise(lower, None)[0]
-    helps = (margin > noise) & ~fixed.footprint.flat & ~fixed.footprint.empty
+    # Receivers all on W's axis have no lateral error: E_q and E_pxq are zero for every warp.
+    sides = fixed.footprint.sides
+    nothing = fixed.footprint.flat | fixed.footprint.empty
+    if all(term.beta for term in fixed.terms):
+        nothing = nothing | ~(jnp.maximum(sides.right.max(), sides.left.max()) > 0)
+    helps = (margin > noise) & ~nothing
     inside = helps & (at_floor < 0)
     middle = (lower + upper) / 2
     root = optx.root_find(
@@ -185,7 +190,7 @@ def minimise(log_norm: LogNorm, min_eta: float) -> FootprintOptimum:
     outcome = jnp.where(inside, outcome, jnp.where(helps, Outcome.unbounded, Outcome.no_warp))
     outcome = jnp.where(fixed.footprint.flat, Outcome.flat, outcome)
     outcome = jnp.where(fixed.footprint.empty, Outcome.empty, outcome).astype(jnp.int32)
-    margin = jnp.where(fixed.footprint.flat | fixed.footprint.empty, 0, margin)
+    margin = jnp.where(nothing, 0, margin)
     return FootprintOptimum(u, outcome, jnp.where(inside, residual, 0), margin)
 
 

@@ -9,12 +9,14 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
+from .._checks import instance
 from .._numerics import larger, power
 from ..receivers.footprint import Footprint, Receivers
 from ..receivers.view_frustum import WholeFrustum
 from ..theory.camera import Camera, DirectionalLight
 from ..theory.error_norm import ErrorNorm, Metric
 from ..theory.light_frame import LightFrame
+from ..theory.light_space import Depth
 from ..theory.warp import Warp
 from .footprint_optimum import LogNorm, Term, minimise, value_at
 from .outcome import Outcome
@@ -32,8 +34,8 @@ class SceneSolution(eqx.Module):
         margin: d log(norm) / d log(eta) just below eta = 1. A warp helps iff it is positive: by how much no warp is, or
             is not, the best. 0 where there is nothing to warp (flat, empty).
         unwarped: the norm without a warp.
-        excess: bound on (norm of the grouped receivers) / (norm of each for itself) - 1, at this warp: what it costs
-            that points and depth buffers are grouped conservatively. 0 where nothing is.
+        excess: bound on the regret of grouping many points or pixels conservatively: `value` over a lower bound of the
+            minimum that the receivers one by one would have, less 1. 0 where nothing is grouped.
         frame: W's axes.
         footprint: the receivers' extents.
     """
@@ -48,6 +50,10 @@ class SceneSolution(eqx.Module):
     frame: LightFrame
     footprint: Footprint
 
+    def coordinates(self, eye_points: Float[Array, "... 3"]) -> tuple[Depth, Float[Array, "..."], Float[Array, "..."]]:
+        """(depth as delta and 1 - delta, x from W's axis, eye depth z) of points in eye coordinates."""
+        return self.footprint.coordinates(self.frame, eye_points)
+
     def aliasing_error(
         self, eye_points: Float[Array, "... 3"], metric: str | Metric = "p", eta: ArrayLike | None = None
     ) -> Float[Array, "..."]:
@@ -57,7 +63,7 @@ class SceneSolution(eqx.Module):
         larger of the two.
         """
         eta = self.warp.eta if eta is None else jnp.asarray(eta, self.warp.eta.dtype)
-        depth, _, z = self.footprint.coordinates(self.frame, eye_points)
+        depth, _, z = self.coordinates(eye_points)
         blend = depth.blend(eta)
         along = self.frame.density_p * self.footprint.mu / z * blend * (blend / eta)
         left, right = self.footprint.half_widths(eta)
@@ -108,8 +114,12 @@ def scene_warp(
         >>> round(float(solution.warp.lam), 3)   # n + sqrt(f n), LiSPSM's, with the light from above
         11.0
     """
+    instance("camera", camera, Camera)
+    instance("light", light, DirectionalLight)
     receivers = WholeFrustum() if receivers is None else receivers
-    if not 0 < min_eta < 1:
+    if not hasattr(receivers, "footprint"):
+        raise ValueError(f"receivers: got {type(receivers).__name__}, expected WholeFrustum, ConvexBody or the like")
+    if not (isinstance(min_eta, int | float) and 0 < min_eta < 1):
         raise ValueError(f"min_eta: got {min_eta!r}, expected a number in (0, 1)")
     measure = getattr(receivers, "measure", "screen")
     metrics = (Metric(1.0, 0.0), Metric(0.0, 1.0)) if metric == "max" else (Metric.of(metric),)
@@ -119,7 +129,7 @@ def scene_warp(
     degree = norms[0].blend_degree
     if not (math.isinf(degree) or degree == round(degree)):
         raise ValueError(f"norm: got order {norms[0].order:g}, expected one with (2 alpha + beta) order an integer")
-    resolutions = tuple(None if r is None else tuple(r) for r in (screen, shadow_map))
+    resolutions = tuple(tuple(r) if isinstance(r, list) else r for r in (screen, shadow_map))
     solution = _solve(camera, light, receivers, norms, *resolutions, float(min_eta))
     return _raised(solution) if throw else solution
 
@@ -132,8 +142,12 @@ def _solve(camera, light, receivers, norms, screen, shadow_map, min_eta) -> Scen
     log_norm = LogNorm(footprint, terms, None if norms[0].supremum else norms[0])
     optimum = minimise(log_norm, min_eta)
     value, unwarped = value_at(log_norm, optimum.log_eta), value_at(log_norm, jnp.zeros_like(optimum.log_eta))
-    at_best = value_at(eqx.tree_at(lambda n: n.footprint, log_norm, footprint.at_best()), optimum.log_eta)
-    excess = jnp.where(value > at_best, value / jnp.where(at_best > 0, at_best, 1) - 1, 0)
+    excess = jnp.zeros_like(value)
+    if footprint.grouped:
+        best_case = eqx.tree_at(lambda n: n.footprint, log_norm, footprint.at_best())
+        least = value_at(best_case, minimise(best_case, min_eta).log_eta)
+        excess = jnp.where(least > 0, value / jnp.where(least > 0, least, 1) - 1, 0)
+        excess = jnp.where(excess > 0, excess, 0)
     value, unwarped, excess = (jnp.where(footprint.empty, 0, v) for v in (value, unwarped, excess))
     finite = jnp.isfinite(value) & jnp.isfinite(optimum.log_eta)
     outcome = jnp.where(finite, optimum.outcome, Outcome.not_finite)

@@ -54,6 +54,10 @@ class Camera(eqx.Module):
     ):
         position, forward, up = _vectors(position=position, forward=forward, up=up)
         frustum = ViewFrustum(near, far, half_fov)
+        if frustum.near.shape:
+            raise ValueError(
+                f"near, far, half_fov: got shape {frustum.near.shape}, expected numbers; use jax.vmap for more"
+            )
         (aspect,) = float_arrays(aspect=aspect)
         aspect = checked("aspect", aspect, lambda v: (v > 0) & (v < np.inf), "a finite number > 0")
         top = jnp.tan(frustum.half_fov)
@@ -103,7 +107,7 @@ class Camera(eqx.Module):
                 abs(matrix[3] - jnp.array([0, 0, 0, 1])).max() < tolerance
             )
 
-        expected = "a rigid world-to-eye matrix for column vectors: orthonormal rows and (0, 0, 0, 1) last"
+        expected = "a regular, rigid world-to-eye matrix for column vectors: orthonormal rows and (0, 0, 0, 1) last"
         view = checked("view", view, lambda v: jnp.broadcast_to(rigid(v), v.shape), expected)
         turn = view[:3, :3]
         position = -turn.T @ view[:3, 3]
@@ -131,6 +135,8 @@ class Camera(eqx.Module):
         Raises:
             ValueError: also where left >= right or bottom >= top.
         """
+        if len(window) != 4:
+            raise ValueError(f"window: got {len(window)} numbers, expected (left, right, bottom, top)")
         (window,) = float_arrays(window=jnp.stack([jnp.asarray(v, float) for v in window]))
         window = checked(
             "window",

@@ -1,6 +1,7 @@
 """The axes of the warping frustum W for any camera and any directional light."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
@@ -58,10 +59,13 @@ class LightFrame(eqx.Module):
         # X_w lies in the screen plane; right where the light goes up the screen, as in AT09's figures. The side is
         # chosen so that x keeps its sense when the light swings past the view.
         across_screen = jnp.stack([l[1], -l[0], jnp.zeros_like(l[0])]) / sine
-        x_axis = jnp.where(parallel, jnp.array([1.0, 0.0, 0.0], l.dtype), across_screen)
+        # Frozen axes are still exactly perpendicular to the light: a caster and its receiver share a texel.
+        fixed = jax.lax.stop_gradient(l)
+        fixed_x = jnp.stack([jnp.ones_like(l[0]), jnp.zeros_like(l[0]), -fixed[0] / jnp.where(parallel, fixed[2], 1)])
+        fixed_x = fixed_x / jnp.sqrt((fixed_x * fixed_x).sum())
+        x_axis = jnp.where(parallel, fixed_x, across_screen)
         z_axis = jnp.stack([-l[0] * l[2], -l[1] * l[2], sine_squared]) / sine
-        facing = jnp.where(l[2] < 0, -1.0, 1.0)
-        z_axis = jnp.where(parallel, jnp.array([0.0, -1.0, 0.0], l.dtype) * facing, z_axis)
+        z_axis = jnp.where(parallel, jnp.cross(fixed_x, fixed), z_axis)
         self.x_axis, self.z_axis, self.light = x_axis, z_axis, l
         self.theta = jnp.where(parallel, jnp.where(l[2] < 0, jnp.pi, 0.0), jnp.arctan2(sine, l[2]))
         self.parallel = parallel
