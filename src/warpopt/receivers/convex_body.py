@@ -27,7 +27,8 @@ class ConvexBody(eqx.Module):
 
     The camera may be inside, outside or partly inside; a body behind it, or empty, or thinner than rounding, is none of
     an error. L-inf norms use B's vertices. L_P norms integrate over B, slice by slice in log z between the depths of
-    its vertices, each slice a polygon integrated exactly.
+    its vertices, each slice a polygon integrated exactly; 24 Gauss nodes a piece leave 1e-13 at f/n = 1e8. A body
+    flatter than sqrt(eps) of its size is integrated as if it were that thick, which moves eta by as much.
 
     Args:
         planes: (K, 4) world half-spaces normal . p + offset >= 0; normals of any length but zero.
@@ -156,7 +157,7 @@ def _moments(planes, vertices, valid, frame, footprint: Footprint, norm: ErrorNo
     # most 2 F - 4 vertices; the longest gaps are all of them, the rest is rounding between equals.
     depths = jnp.sort(jnp.where(valid, vertices[:, 2], last))
     logs = jnp.log(depths / first)
-    gaps, where = jax.lax.top_k(jnp.diff(logs), min(2 * len(planes), len(logs) - 1))
+    gaps, where = jax.lax.top_k(jnp.diff(logs), min(2 * len(planes) - 5, len(logs) - 1))
     t, w = unit_nodes(_DEPTH_NODES, logs.dtype)
     log_z = (logs[where][:, None] + gaps[:, None] * t).ravel()
     weight_z = (gaps[:, None] * w).ravel()
