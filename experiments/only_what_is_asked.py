@@ -48,14 +48,15 @@ def solves(count: int) -> list[dict]:
         raise RuntimeError("expected no warp everywhere")
     decided, solved = (ns(theta=t, metric="pxq", norm="l2") for t in (along, theta))
     found.append(saving("no warp is best: no iteration", decided, solved, "ns a solve", "E_pxq L2, theta 0 and 1.2"))
-    for metric, norm in (("p", "l1"), ("q", "l2"), ("p", "inf"), ("q", "inf"), ("pxq", "inf")):
+    closed_forms = (("p", "l1"), ("q", "l2"), ("p", "inf"), ("q", "inf"), ("pxq", "inf"))
+    for metric, norm in closed_forms if count > 10_000 else closed_forms[:1]:
         closed, iterated = (ns(metric=metric, norm=norm, method=m) for m in ("auto", "iterative"))
         found.append(
             saving(f"closed form, E_{metric} {norm}", closed, iterated, "ns a solve", "method= auto, iterative")
         )
     one = warpopt.ViewFrustum(1.0, 100.0, 0.5)
     many = warpopt.ViewFrustum(np.full(count, 1.0), 100.0, 0.5)
-    for metric in ("p", "pxq"):
+    for metric in ("p", "pxq") if count > 10_000 else ("p",):
         shared, apart = (ns(frustum=f, metric=metric, norm="l2") for f in (one, many))
         found.append(
             saving(
@@ -79,7 +80,7 @@ def scenes(count: int, height: int) -> list[dict]:
 
     rng = np.random.default_rng(0)
     across = rng.normal(size=(count, 3)) * [1, 1, 0.2]
-    along = np.array([0, 0, -1]) + 1e-7 * rng.normal(size=(count, 3))
+    along = np.array([0, 0, -1]) + 1e-9 * rng.normal(size=(count, 3))  # parallel up to rounding
     outcomes = np.asarray(solve(along).result)
     if not (outcomes == warpopt.Outcome.no_warp).all():
         raise RuntimeError("expected no warp everywhere")

@@ -135,7 +135,7 @@ def measure_methods(arguments) -> list[dict]:
         sample = Sample(arguments.references, metric, norm, measure, 1e4)
         found = ours(sample, arguments.batch)
         found += [scipy_one_at_a_time(sample, effort, 100) for effort in (1e-3, 1e-8)]
-        fewer = problems(max(arguments.batch // 50, 50), 0)
+        fewer = problems(max(arguments.batch // 100, 50), 0)
         many, few = frustum_of(fewer), frustum_of(sample.problem)
         found += scipy_vectorised(sample, fewer, seconds)
         found += [dense_grid(sample, points, many, few, seconds) for points in (64, 1024)]

@@ -24,7 +24,7 @@ def run(name: str, *arguments: str) -> str:
 
 
 def test_stability_meets_every_target_on_a_slice(tmp_path):
-    arguments = ["--draws", "1500", "--references", "9", "--points", "60", "--combinations", "3", "--processes", "1"]
+    arguments = ["--draws", "1500", "--references", "9", "--points", "60", "--combinations", "2", "--processes", "1"]
     run("stability.py", *arguments, "--directory", str(tmp_path))
     summary = json.loads((tmp_path / "stability.json").read_text())
     assert summary["defects"] == []
