@@ -29,6 +29,25 @@ def smaller(x: ArrayLike, y: ArrayLike) -> Float[Array, "..."]:
     return jnp.where(x < y, x, y)
 
 
+@jax.custom_jvp
+def over(x: Float[Array, "..."], y: Float[Array, "..."]) -> Float[Array, "..."]:
+    """x / y for a small y, with derivatives that stay in range.
+
+    JAX's own multiply by 1/y^2 before they multiply by x, which overflows single precision where the product is of
+    order one (x = 1e-30, y = 1e-10).
+    """
+    return x / y
+
+
+@over.defjvp
+def _over_jvp(primals, tangents):
+    x, y = primals
+    dx, dy = tangents
+    quotient = over(x, y)
+    # In this order, so that the transpose multiplies by the quotient before it divides.
+    return quotient, dx / y - (dy / y) * quotient
+
+
 def horner(coefficients: "list[Array] | tuple[Array, ...]", at: Float[Array, "..."]) -> Float[Array, "..."]:
     """The polynomial of the given coefficients, highest power first."""
     total = coefficients[0]

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._numerics import horner, power, staged
+from .._numerics import horner, over, power, staged
 from ..theory.error_norm import ErrorNorm
 from ..theory.light_space import Depth, LightSpace
 from .depth_integrals import depth_integrals
@@ -136,7 +136,7 @@ def _balanced(raw: list[Array], sigma: Array, centre: int, x: Array, L: Array, n
     first = raw[0]
     # Any scale near the balance serves, so that its own rounding does not matter.
     inverse = jax.lax.stop_gradient(jnp.exp(jnp.log(first / raw[-1]) / M))
-    balanced = [value / first for value in raw]
+    balanced = [over(value, first) for value in raw]
     for j in range(1, M + 1):  # one factor at a time: inverse^M alone may overflow
         balanced[j:] = [value * inverse for value in balanced[j:]]
     # The roots of the factors, not of their product, which may lie below float32's normal numbers.

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
-from .._numerics import power, staged
+from .._numerics import over, power, staged
 from ..receivers.whole_frustum import Moments, moments
 from ..theory.error_norm import ErrorNorm, Metric
 from ..theory.frustum import ViewFrustum
@@ -160,7 +160,7 @@ def _prepared(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, nodes: int | 
 def _norm(space: LightSpace, mean, eta: Array, norm: ErrorNorm) -> Array:
     if norm.supremum:
         return supremum_norm(space, eta, norm)
-    return in_units_of_error(space, eta, mean.power_mean(eta, norm) / power(eta, norm.metric.alpha), norm)
+    return in_units_of_error(space, eta, over(mean.power_mean(eta, norm), power(eta, norm.metric.alpha)), norm)
 
 
 @functools.partial(jax.jit, static_argnames=("norm", "nodes"))

@@ -13,7 +13,7 @@ import itertools
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._numerics import horner, larger, power
+from .._numerics import horner, larger, over, power
 from .bracketed_newton import increasing_root
 
 # A polynomial, highest power first: static powers, one array of coefficients each.
@@ -102,6 +102,19 @@ def _linear_or_quadratic(coefficients: tuple[Array, ...]) -> Array:
         return -coefficients[1] / coefficients[0]
     # The larger root of c2 x^2 + c1 x + c0 with c2 >= 0 >= c0, by whichever of the two forms adds.
     c2, c1, c0 = coefficients
-    root = jnp.sqrt(c1 * c1 - 4 * c2 * c0)
+    root = _root_of_discriminant(c2, jnp.where(c1 < 0, -c1, c1), -c0)
     falling = c1 <= 0
-    return jnp.where(falling, (root - c1) / jnp.where(falling, 2 * c2, 1), -2 * c0 / jnp.where(falling, 1, c1 + root))
+    by_difference = over(root - c1, jnp.where(falling, 2 * c2, 1))
+    return jnp.where(falling, by_difference, over(-2 * c0, jnp.where(falling, 1, c1 + root)))
+
+
+def _root_of_discriminant(a: Array, b: Array, c: Array) -> Array:
+    """sqrt(b^2 + 4 a c) for a, b, c >= 0, with no square that underflows, no square root without a derivative."""
+    geometric = 2 * jnp.sqrt(a) * jnp.sqrt(c)
+    mostly_b = b >= geometric
+    some_b = jnp.where(mostly_b & (b > 0), b, 1)
+    by_b = b * jnp.sqrt(1 + 4 * over(a, some_b) * over(c, some_b))
+    p, q = (jnp.where(mostly_b, 1, v) for v in (a, c))
+    other = 2 * jnp.sqrt(p) * jnp.sqrt(q)
+    ratio = jnp.where(mostly_b, 0, over(b, other))
+    return jnp.where(mostly_b, by_b, other * jnp.sqrt(1 + ratio * ratio))

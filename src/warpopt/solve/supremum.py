@@ -178,9 +178,11 @@ def _with_residual(space: LightSpace, norm: ErrorNorm, eta: Array, one_minus_eta
     ratio = norm.metric.depth_power / norm.metric.blend_power
     gap = jnp.log(far.blend(eta) / near.blend(eta)) - ratio * space.log_ratio
     piece = _choose(eta > kink(space), *_pieces(space, norm))
-    polynomial = _quadratic(norm, _choose(gap > 0, far, near), piece)
-    slope = log_ratio(jnp.log(eta), on_lanes(True, polynomial))
-    residual = jnp.where(
-        outcome == Outcome.tie, jnp.abs(gap), jnp.where(outcome == Outcome.stationary, jnp.abs(slope), 0)
+    near_slope, far_slope = (
+        jnp.abs(log_ratio(jnp.log(eta), on_lanes(True, _quadratic(norm, depth, piece)))) for depth in (near, far)
     )
+    # Where the two are equal up to rounding (frusta thinner than it), either may have been the stationary one.
+    alike = jnp.abs(gap) <= 8 * jnp.finfo(gap.dtype).eps
+    slope = jnp.where(alike, smaller(near_slope, far_slope), jnp.where(gap > 0, far_slope, near_slope))
+    residual = jnp.where(outcome == Outcome.tie, jnp.abs(gap), jnp.where(outcome == Outcome.stationary, slope, 0))
     return Optimum(eta, one_minus_eta, outcome, residual)
