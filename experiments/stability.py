@@ -313,7 +313,7 @@ def draw_heat_map(points: dict[str, list[tuple]], path: Path) -> None:
         ax.set_xlabel("theta (degrees)")
         ax.set_ylabel("log10(f/n - 1)")
         ax.set_xticks(range(0, 181, 30))
-    figure.colorbar(mesh, ax=list(axes), label="units of eps (64 allowed)")
+    figure.colorbar(mesh, ax=list(axes), label="units of eps (64 allowed; white: no reference)")
     figure.savefig(path, dpi=150)
 
 
