@@ -270,8 +270,11 @@ def test_a_silent_process_is_named_after_the_timeout(tmp_path):
         launcher.launch([lives, _command("import time; time.sleep(60)")], tmp_path, 3.0, print)
 
 
-def test_an_interrupt_ends_the_processes(tmp_path):
+def test_an_interrupt_ends_the_processes(tmp_path, request):
     path = launcher.alive_path(tmp_path, 0)
+    # A shell starts background jobs with SIGINT ignored, and this test with them.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     timer = threading.Timer(1.5, lambda: os.kill(os.getpid(), signal.SIGINT))
     timer.start()
     with pytest.raises(KeyboardInterrupt):
