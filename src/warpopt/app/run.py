@@ -2,9 +2,6 @@
 
 import concurrent.futures
 import csv
-import importlib.metadata
-import json
-import platform
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +10,6 @@ from typing import Any
 import jax
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 import warpopt
@@ -22,10 +18,11 @@ from .blocks import RULES, field_shapes
 from .config import RunConfig
 from .job import Job, job_of
 from .parts import Parts, folder_of
+from .record import environment, progress_bar, write_mark
 from .report import TITLES, Finding, findings, report
 from .single import finite_or_none
 from .sweep import OptimumCurves, Sweep, sweep_of
-from .writing import MARK, whole_folder
+from .writing import whole_folder
 
 _SHOWN_RULES = ("ssm", "lispsm", "tsm")  # of the terminal's summary; the report has them all
 
@@ -49,16 +46,7 @@ def run(config: RunConfig, console: Console | None = None) -> int:
         parts = Parts(folder_of_parts, job, jax.default_backend(), field_shapes(job), console.print)
     timings: dict[str, float] = {}
     steps = (1 + len(job.objectives)) * job.tiling.count + 4 * config.output.figures
-    columns = (TextColumn("{task.description:<24}"), BarColumn(), TimeElapsedColumn())
-    with (
-        whole_folder(config.output.directory) as folder,
-        Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar,
-    ):
-        task = bar.add_task("starting", total=steps)
-
-        def progress(done: str) -> None:
-            bar.update(task, advance=1, description=done)
-
+    with whole_folder(config.output.directory) as folder, progress_bar(console, steps) as progress:
         start = time.perf_counter()
         with concurrent.futures.ThreadPoolExecutor(1) as pool:
             drawing = config.output.figures and pool.submit(_view_figures, job, folder, progress)
@@ -72,8 +60,7 @@ def run(config: RunConfig, console: Console | None = None) -> int:
         timings["figures_s"] = time.perf_counter() - start
         found = findings(sweep)
         (folder / "report.md").write_text(report(config, sweep, found, figures), encoding="utf-8")
-        record = run_record(config, sweep, timings) | {"files": sorted([*(p.name for p in folder.iterdir()), MARK])}
-        (folder / MARK).write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_mark(folder, run_record(config, sweep, timings))
     if parts:
         parts.delete()
     failures = sum(int((~_succeeded(o)).sum()) for o in sweep.optima)
@@ -144,13 +131,7 @@ def write_arrays(sweep: Sweep, path: Path) -> None:
 
 def run_record(config: RunConfig, sweep: Sweep, timings: dict[str, float]) -> dict[str, Any]:
     """What a later reader needs to trust or repeat the run; strict JSON."""
-    packages = ("warpopt", "jax", "jaxlib", "optimistix", "equinox", "numpy", "matplotlib")
-    return {
-        "config": config.model_dump(mode="json"),
-        "versions": {"python": platform.python_version(), **{p: importlib.metadata.version(p) for p in packages}},
-        "dtype": str(sweep.optima[0].eta.dtype),
-        "device": jax.devices()[0].platform,
-        "timings": {key: round(value, 3) for key, value in timings.items()},
+    return environment(config, sweep.optima[0].eta.dtype, timings) | {
         "objectives": [
             {
                 "metric": o.metric,

@@ -2,25 +2,22 @@
 
 import csv
 import dataclasses
-import importlib.metadata
-import json
-import platform
 import time
 from pathlib import Path
 from typing import Any
 
 import jax
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 import warpopt
 
+from .record import environment, progress_bar, write_json, write_mark
 from .scene_config import SceneConfig
 from .scene_input import SceneInput
 from .scene_report import scene_report, short
 from .scene_solve import Solved, solve_scene
-from .writing import MARK, whole_folder
+from .writing import whole_folder
 
 _COLUMNS = (
     "camera", "light", "x", "y", "z", "theta_deg", "metric", "norm", "eta", "lambda", "lambda_over_mu", "mu", "value",
@@ -49,16 +46,7 @@ def run_scene(config: SceneConfig, scene: SceneInput, console: Console | None = 
     console = console or Console()
     objective = config.objective
     count = len(scene.cameras) * len(scene.lights) * len(objective.metrics) * len(objective.norms)
-    columns = (TextColumn("{task.description:<40}"), BarColumn(), TimeElapsedColumn())
-    with (
-        whole_folder(config.output.directory) as folder,
-        Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar,
-    ):
-        task = bar.add_task("solving", total=count)
-
-        def progress(done: str) -> None:
-            bar.update(task, advance=1, description=done)
-
+    with whole_folder(config.output.directory) as folder, progress_bar(console, count) as progress:
         timings = {}
         start = time.perf_counter()
         solved = solve_scene(config, scene, progress)
@@ -66,12 +54,14 @@ def run_scene(config: SceneConfig, scene: SceneInput, console: Console | None = 
         start = time.perf_counter()
         figures = _figures(config, scene, solved, folder) if config.output.figures and solved else []
         timings["figures_s"] = time.perf_counter() - start
-        _write_json(folder / "scene.json", _scene_record(config, scene, solved))
+        write_json(folder / "scene.json", _scene_record(config, scene, solved))
         write_scene_table(solved, folder / "table.csv")
         (folder / "report.md").write_text(scene_report(config, scene, solved, figures), encoding="utf-8")
-        record = _run_record(config, solved, timings)
-        record["files"] = sorted([*(p.name for p in folder.iterdir()), MARK])
-        _write_json(folder / MARK, record)
+        readers = (("trimesh", config.receivers.gltf), ("OpenEXR", _exr(config)))
+        used = tuple(name for name, asked in readers if asked)
+        outcomes = {o.name: n for o in warpopt.Outcome if (n := sum(s.outcome is o for s in solved))}
+        dtype = jax.numpy.zeros(0).dtype
+        write_mark(folder, environment(config, dtype, timings, used) | {"outcomes": outcomes})
     failures = sum(not s.outcome.succeeded for s in solved)
     _summarise(console, config, scene, solved, failures)
     return 1 if failures else 0
@@ -82,10 +72,6 @@ def _figures(config: SceneConfig, scene: SceneInput, solved: list[Solved], folde
     from .scene_figures import write_scene_figures
 
     return write_scene_figures(config, scene, solved, folder)
-
-
-def _write_json(path: Path, data: Any) -> None:
-    path.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def write_scene_table(solved: list[Solved], path: Path) -> None:
@@ -124,20 +110,6 @@ def _scene_record(config: SceneConfig, scene: SceneInput, solved: list[Solved]) 
         "lights": [list(direction) for direction in scene.lights],
         "steps": [dataclasses.asdict(step) for step in scene.steps],
         "problems": [s.row for s in solved],
-    }
-
-
-def _run_record(config: SceneConfig, solved: list[Solved], timings: dict[str, float]) -> dict[str, Any]:
-    packages = ["warpopt", "jax", "jaxlib", "optimistix", "equinox", "numpy", "matplotlib"]
-    packages += [name for name, used in (("trimesh", config.receivers.gltf), ("OpenEXR", _exr(config))) if used]
-    outcomes = {o.name: n for o in warpopt.Outcome if (n := sum(s.outcome is o for s in solved))}
-    return {
-        "config": config.model_dump(mode="json"),
-        "versions": {"python": platform.python_version(), **{p: importlib.metadata.version(p) for p in packages}},
-        "dtype": str(jax.numpy.zeros(0).dtype),
-        "device": jax.devices()[0].platform,
-        "timings": {key: round(value, 3) for key, value in timings.items()},
-        "outcomes": outcomes,
     }
 
 

@@ -15,7 +15,7 @@ from . import figure_style as style
 from .error_maps import Seen, errors, image_of, section_of, shading
 from .scene_config import SceneConfig
 from .scene_input import SceneInput
-from .scene_solve import Solved
+from .scene_solve import Solved, camera_of, receivers_of
 
 MOST_MAPS = 12
 _DPI = 160
@@ -64,27 +64,11 @@ def write_scene_figures(
 
 def seen_of(config: SceneConfig, scene: SceneInput, s: Solved) -> Seen:
     """The image where there is one, else a section along the light: bodies have no surface to show."""
-    camera = scene.cameras[s.camera]
-    asked = config.receivers
-    if scene.depths:
-        z = _eye_depth(scene.depths[s.camera], scene.encoding, camera.near, camera.far)
-        return image_of(camera, z)
-    planes = np.zeros((0, 4))
-    if asked.box is not None:
-        eye = np.eye(3)
-        planes = np.concatenate([np.c_[eye, -np.array(asked.box.lower)], np.c_[-eye, np.array(asked.box.upper)]])
-    elif asked.planes is not None:
-        planes = np.array(asked.planes.planes)
+    camera, receivers = scene.cameras[s.camera], receivers_of(config, scene, s.camera)
+    if isinstance(receivers, warpopt.DepthBuffer):
+        return image_of(camera, np.asarray(receivers.eye_depth(camera_of(camera))))
+    planes = np.asarray(receivers.planes) if isinstance(receivers, warpopt.ConvexBody) else np.zeros((0, 4))
     return section_of(camera, planes, s.mapping, *_SECTION)
-
-
-def _eye_depth(value: np.ndarray, encoding: str, near: float, far: float) -> np.ndarray:
-    """As `warpopt.DepthBuffer.eye_depth`."""
-    if encoding == "linear":
-        return np.where((value > 0) & (value < far), np.maximum(value, near), np.inf)
-    if encoding == "standard":
-        return np.where(value < 1, near * far / (far - value * (far - near)), np.inf)
-    return np.where(value > 0, near * far / (near + value * (far - near)), np.inf)
 
 
 @style.house_style()

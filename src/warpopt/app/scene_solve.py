@@ -1,8 +1,6 @@
-"""The problems of a scene, solved one by one with one compiled program for each objective."""
+"""The problems of a scene: for each objective one compiled program, and for each camera one call over all lights."""
 
 import dataclasses
-import functools
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -11,9 +9,12 @@ import numpy as np
 
 import warpopt
 
+from ..scene_files.scene_camera import SceneCamera
 from .scene_config import SceneConfig
 from .scene_input import SceneInput
 from .single import finite_or_none
+
+_TOGETHER = 64  # lights in one batch
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -67,18 +68,71 @@ class Mapping:
 
 def solve_scene(config: SceneConfig, scene: SceneInput, progress: Callable[[str], None]) -> list[Solved]:
     """Every metric and norm that was asked for, over every distinct camera and light."""
-    cameras = [_camera(camera) for camera in scene.cameras]
-    receivers = [_receivers(config, scene, i) for i in range(len(cameras))]
+    if not scene.lights:
+        return []
+    cameras = [camera_of(camera) for camera in scene.cameras]
+    receivers = [receivers_of(config, scene, i) for i in range(len(cameras))]
+    lights = jax.vmap(warpopt.DirectionalLight)(np.array(scene.lights, float))
     casters = None if scene.casters is None else jax.numpy.asarray(scene.casters)  # once on the device
     solved = []
     for metric in config.objective.metrics:
         for norm in config.objective.norms:
+            over_lights = _over_lights(config, metric, norm)
             for i, camera in enumerate(cameras):
-                for k, direction in enumerate(scene.lights):
-                    light = warpopt.DirectionalLight(direction)
-                    solved.append(_solved(config, scene, camera, receivers[i], light, casters, (i, k), metric, norm))
+                found = jax.device_get(over_lights(camera, lights, receivers[i], casters))
+                for k in range(len(scene.lights)):
+                    one = jax.tree.map(lambda v, k=k: v[k], found)
+                    solved.append(_solved(one, (i, k), list(scene.lights[k]), metric, str(norm)))
                     progress(solved[-1].title)
     return solved
+
+
+@dataclasses.dataclass(frozen=True)
+class _Found:
+    """What one call computes for each light."""
+
+    solution: "warpopt.SceneSolution"
+    matrix: np.ndarray
+    lam: np.ndarray
+    lam_over_mu: np.ndarray
+    width: np.ndarray
+    plain_width: np.ndarray
+
+
+jax.tree_util.register_dataclass(_Found)
+
+
+def _over_lights(config: SceneConfig, metric: str, norm: str | float):
+    """The compiled (camera, lights, receivers, casters) -> `_Found` of one objective."""
+    objective, convention = config.objective, clip_space(config)
+
+    def one(camera, light, receivers, casters) -> _Found:
+        solution = warpopt.scene_warp(
+            camera,
+            light,
+            receivers,
+            metric,
+            norm,
+            screen=objective.screen,
+            shadow_map=objective.shadow_map,
+            min_eta=objective.min_eta,
+            throw=False,
+        )
+        footprint, warp = solution.footprint, solution.warp
+        matrix = warpopt.shadow_matrix(camera, light, footprint, warp, convention, casters=casters)
+        widths = (sum(footprint.half_widths(eta)) for eta in (warp.eta, jax.numpy.ones_like(warp.eta)))
+        return _Found(solution, matrix, warp.lam, warp.lam_over_mu, *widths)
+
+    @jax.jit
+    def over_lights(camera, lights, receivers, casters) -> _Found:
+        # A depth buffer's passes fill the machine by themselves, and its cells are tens of megabytes a light.
+        together = 1 if isinstance(receivers, warpopt.DepthBuffer) else _TOGETHER
+        count = len(lights.direction)
+        return jax.lax.map(
+            lambda light: one(camera, light, receivers, casters), lights, batch_size=min(together, count)
+        )
+
+    return over_lights
 
 
 def clip_space(config: SceneConfig) -> "warpopt.ClipSpace":
@@ -87,14 +141,16 @@ def clip_space(config: SceneConfig) -> "warpopt.ClipSpace":
     return make(reversed_z=config.output.reversed_z)
 
 
-def _camera(camera) -> "warpopt.Camera":
+def camera_of(camera: SceneCamera) -> "warpopt.Camera":
+    """The library's camera."""
     _, up, forward = camera.rotation
     return warpopt.Camera.off_centre(
         camera.position, forward, up, camera.near, camera.far, camera.window, handedness=camera.handedness
     )
 
 
-def _receivers(config: SceneConfig, scene: SceneInput, i: int):
+def receivers_of(config: SceneConfig, scene: SceneInput, i: int):
+    """What camera i must resolve."""
     asked = config.receivers
     if scene.depths:
         return warpopt.DepthBuffer(scene.depths[i], scene.encoding)
@@ -105,51 +161,36 @@ def _receivers(config: SceneConfig, scene: SceneInput, i: int):
     return warpopt.WholeFrustum(asked.whole_frustum.measure)
 
 
-def _solved(config, scene, camera, receivers, light, casters, place, metric, norm) -> Solved:
-    objective = config.objective
-    solution = warpopt.scene_warp(
-        camera,
-        light,
-        receivers,
-        metric,
-        norm,
-        screen=objective.screen,
-        shadow_map=objective.shadow_map,
-        min_eta=objective.min_eta,
-        throw=False,
-    )
-    outcome = warpopt.Outcome(int(solution.result))
-    convention = clip_space(config)
-    matrix, width, plain_width = _rendering(camera, light, solution, casters, convention)
-    matrix = np.asarray(matrix)
+def _solved(found: _Found, place: tuple[int, int], direction: list[float], metric: str, norm: str) -> Solved:
+    solution, matrix = found.solution, found.matrix
     frame, footprint = solution.frame, solution.footprint
+    outcome = warpopt.Outcome(int(solution.result))
     mapping = Mapping(
-        np.asarray(frame.x_axis),
-        np.asarray(frame.z_axis),
-        np.asarray(frame.light),
+        frame.x_axis,
+        frame.z_axis,
+        frame.light,
         float(footprint.start),
         float(footprint.mu),
         (float(frame.density_p), float(frame.density_q)),
         float(solution.warp.eta),
-        float(width),
-        float(plain_width),
+        float(found.width),
+        float(found.plain_width),
     )
     there = outcome is not warpopt.Outcome.empty  # an empty scene has no warp and no matrix
     usable = there and bool(np.isfinite(matrix).all())
     reason = None if usable else outcome.sentence if not (there and outcome.succeeded) else "The matrix is not finite."
-    lam = float(solution.warp.lam) if there else math.nan
     row = {
         "camera": place[0],
         "light": place[1],
-        "direction": list(scene.lights[place[1]]),
+        "direction": direction,
         "theta_deg": finite_or_none(np.rad2deg(frame.theta)),
         "metric": metric,
         "norm": norm,
         "eta": finite_or_none(solution.warp.eta) if there else None,
-        "lambda": finite_or_none(lam),
-        "lambda_over_mu": finite_or_none(solution.warp.lam_over_mu) if there else None,
+        "lambda": finite_or_none(found.lam) if there else None,
+        "lambda_over_mu": finite_or_none(found.lam_over_mu) if there else None,
         "mu": finite_or_none(solution.warp.mu) if there else None,
-        "no_warp": math.isinf(lam),
+        "no_warp": there and bool(np.isinf(found.lam)),
         "value": finite_or_none(solution.value),
         "unwarped": finite_or_none(solution.unwarped),
         "margin": finite_or_none(solution.margin) if there and outcome is not warpopt.Outcome.flat else None,
@@ -159,12 +200,4 @@ def _solved(config, scene, camera, receivers, light, casters, place, metric, nor
         "matrix": matrix.tolist() if usable else None,
         "no_matrix_because": reason,
     }
-    return Solved(*place, metric, str(norm), row, outcome, mapping)
-
-
-@functools.partial(jax.jit, static_argnames=("convention",))
-def _rendering(camera, light, solution, casters, convention):
-    """(matrix, the map's width with the warp, and without)."""
-    footprint, eta = solution.footprint, solution.warp.eta
-    matrix = warpopt.shadow_matrix(camera, light, footprint, solution.warp, convention, casters=casters)
-    return matrix, sum(footprint.half_widths(eta)), sum(footprint.half_widths(jax.numpy.ones_like(eta)))
+    return Solved(*place, metric, norm, row, outcome, mapping)

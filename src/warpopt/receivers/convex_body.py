@@ -2,7 +2,6 @@
 
 import functools
 import itertools
-import math
 
 import equinox as eqx
 import jax
@@ -13,13 +12,13 @@ from jaxtyping import Array, Bool, Float
 
 from .._checks import checked, float_arrays
 from ..theory.camera import Camera
-from ..theory.error_norm import ErrorNorm, Measure
+from ..theory.error_norm import DENSITY_EXPONENT, ErrorNorm, Measure
 from ..theory.light_frame import LightFrame
-from .footprint import Footprint, from_points
-from .whole_frustum import Moments, unit_nodes
+from .footprint import Footprint
+from .groups import from_groups, singles
+from .whole_frustum import binomial_moments, unit_nodes
 
 _DEPTH_NODES = 24  # in log z on each piece: to 1e-14 for z ratios up to 1e4, 40 would serve 1e12
-_MEASURE_EXPONENT = {"volume": 0, "screen": 2, "log_depth": 3, "ground": 4}
 
 
 class ConvexBody(eqx.Module):
@@ -53,8 +52,8 @@ class ConvexBody(eqx.Module):
         (planes,) = float_arrays(planes=planes)
         if planes.ndim != 2 or planes.shape[1] != 4:
             raise ValueError(f"planes: got shape {planes.shape}, expected (K, 4)")
-        if measure not in _MEASURE_EXPONENT:
-            raise ValueError(f"measure: got {measure!r}, expected one of {', '.join(map(repr, _MEASURE_EXPONENT))}")
+        if measure not in DENSITY_EXPONENT:
+            raise ValueError(f"measure: got {measure!r}, expected one of {', '.join(map(repr, DENSITY_EXPONENT))}")
         planes = checked("planes", planes, lambda p: jnp.isfinite(p), "finite numbers")
         largest = jnp.abs(planes[:, :3]).max(1)  # first, so that no square over- or underflows
         planes = planes / checked("planes", largest, lambda v: v > 0, "normals that are not zero")[:, None]
@@ -85,11 +84,12 @@ class ConvexBody(eqx.Module):
         """See `Receivers`."""
         planes = self._with_frustum(camera)
         vertices, valid = _vertices(planes)
-        footprint, _ = from_points(valid, vertices, camera, frame)
+        footprint = from_groups(singles(valid, vertices, frame), camera.near, grouped=False)
         if norm.supremum:
             return footprint
-        moments, unit = _moments(planes, vertices, valid, frame, footprint, norm, _MEASURE_EXPONENT[self.measure])
-        return eqx.tree_at(lambda f: (f.moments, f.unit), footprint, (moments, unit), is_leaf=lambda v: v is None)
+        return footprint.with_moments(
+            *_moments(planes, vertices, valid, frame, footprint, norm, DENSITY_EXPONENT[self.measure])
+        )
 
     def vertices(self, camera: Camera) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
         """(eye coordinates, which are vertices of B) of its vertices, each some times over."""
@@ -120,21 +120,29 @@ def _vertices(planes: Array) -> tuple[Array, Array]:
     h, g = -offsets[first][:, None], -offsets[second][:, None]
     base = (h * jnp.cross(q, direction) + g * jnp.cross(direction, p)) / square[:, None]
     direction = direction / jnp.sqrt(square)[:, None]
-    towards = direction @ normals.T
-    inside = base @ normals.T + offsets
     others = (np.arange(len(planes)) != first[:, None]) & (np.arange(len(planes)) != second[:, None])
-    slanted = others & (jnp.abs(towards) > 64 * eps)
-    at = -inside / jnp.where(slanted, towards, 1)
-    start = jnp.where(slanted & (towards > 0), at, -jnp.inf).max(1)
-    end = jnp.where(slanted & (towards < 0), at, jnp.inf).min(1)
-    bounded = jnp.isfinite(start) & jnp.isfinite(end)
-    start, end = (jnp.where(bounded, v, 0) for v in (start, end))
+    start, end, bounded, slanted, inside = _clipped(base, direction, normals, offsets, others)
     reach = jnp.sqrt((base * base).sum(-1) + jnp.maximum(start * start, end * end))
     tolerance = 64 * eps * reach
     beside = (others & ~slanted & (inside < -tolerance[:, None])).any(1)
     valid = crossing & bounded & ~beside & (start <= end + tolerance)
     ends = base + start[:, None] * direction, base + end[:, None] * direction
     return jnp.concatenate(ends), jnp.concatenate([valid, valid])
+
+
+def _clipped(base, direction, normals, offsets, others) -> tuple[Array, Array, Array, Array, Array]:
+    """Lines base + t direction, clipped by the half-spaces that are in `others` for each.
+
+    Returns (first t, last t, whether there are both, which half-spaces cut the line, each one's value at the base);
+    the first two are 0 where the line stays unbounded.
+    """
+    towards, inside = direction @ normals.T, base @ normals.T + offsets
+    slanted = others & (jnp.abs(towards) > 64 * jnp.finfo(base.dtype).eps)
+    at = -inside / jnp.where(slanted, towards, 1)
+    start = jnp.where(slanted & (towards > 0), at, -jnp.inf).max(1)
+    end = jnp.where(slanted & (towards < 0), at, jnp.inf).min(1)
+    bounded = jnp.isfinite(start) & jnp.isfinite(end)
+    return jnp.where(bounded, start, 0), jnp.where(bounded, end, 0), bounded, slanted, inside
 
 
 def _moments(planes, vertices, valid, frame, footprint: Footprint, norm: ErrorNorm, exponent: int):
@@ -168,17 +176,8 @@ def _moments(planes, vertices, valid, frame, footprint: Footprint, norm: ErrorNo
     area = area * (weight_z * jnp.exp(growth * log_z))[:, None]
     weighted = area * jnp.exp(-norm.metric.depth_power * norm.order * log_z)[:, None]
     M = round(norm.blend_degree)
-    raw = [math.comb(M, j) * (weighted * rest ** (M - j) * delta**j).sum() for j in range(M + 1)]
-    return from_raw(raw, area.sum(), norm), first
-
-
-def from_raw(raw: list[Array], mass: Array, norm: ErrorNorm) -> Moments:
-    """Moments from B_j and the measure's mass; all ones where there is nothing."""
-    largest = jax.lax.stop_gradient(functools.reduce(jnp.maximum, raw))
-    there = (largest > 0) & jnp.isfinite(largest) & (mass > 0)
-    largest, mass = jnp.where(there, largest, 1), jnp.where(there, mass, 1)
-    coefficients = tuple(jnp.where(there, b / largest, 1) for b in raw)
-    return Moments(coefficients, jnp.ones_like(mass), (largest / mass) ** (1 / norm.order))
+    sums = [(weighted * rest ** (M - j) * delta**j).sum() for j in range(M + 1)]
+    return binomial_moments(sums, area.sum(), norm), first
 
 
 def _slice(planes, frame: LightFrame, footprint: Footprint, unit: Array, degree: int, log_z: Array):
@@ -194,15 +193,10 @@ def _slice(planes, frame: LightFrame, footprint: Footprint, unit: Array, degree:
     square = jnp.where(edge, square, 1)
     base = -normals * (offsets / square)[:, None]
     direction = jnp.stack([-normals[:, 1], normals[:, 0]], 1) / jnp.sqrt(square)[:, None]
-    towards, inside = direction @ normals.T, base @ normals.T + offsets
     tolerance = 64 * eps * (1 + jnp.abs(offsets)[None, :] + jnp.abs(base).sum(1)[:, None])
     count = len(planes)
     others = ~np.eye(count, dtype=bool)
-    slanted = others & (jnp.abs(towards) > 64 * eps)
-    at = -inside / jnp.where(slanted, towards, 1)
-    start = jnp.where(slanted & (towards > 0), at, -jnp.inf).max(1)
-    end = jnp.where(slanted & (towards < 0), at, jnp.inf).min(1)
-    start, end = (jnp.where(jnp.isfinite(v), v, 0) for v in (start, end))
+    start, end, _, slanted, inside = _clipped(base, direction, normals, offsets, others)
     beside = (others & ~slanted & (inside < -tolerance)).any(1)
     # Of two planes with one line the first counts.
     earlier = np.tril(np.ones((count, count), bool), -1)

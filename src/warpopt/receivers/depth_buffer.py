@@ -16,7 +16,7 @@ from ..theory.error_norm import ErrorNorm
 from ..theory.light_frame import LightFrame
 from ..theory.light_space import Depth
 from .footprint import Footprint
-from .points import BINS, Groups, bin_of, from_groups, with_moments
+from .groups import BINS, Groups, bin_of, from_groups, with_moments
 
 Encoding = Literal["linear", "standard", "reversed"]
 # Sorting into bins costs about as much for one value as all else for ten, so large buffers are first reduced to this

@@ -10,7 +10,7 @@ from ..theory.camera import Camera
 from ..theory.error_norm import ErrorNorm
 from ..theory.light_frame import LightFrame
 from .footprint import Footprint
-from .points import Groups, from_groups, with_moments
+from .groups import Groups, from_groups, with_moments
 from .view_frustum import window_nodes
 from .whole_frustum import unit_nodes
 

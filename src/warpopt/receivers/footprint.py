@@ -8,7 +8,6 @@ from typing import Protocol
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..theory.camera import Camera
@@ -85,6 +84,10 @@ class Footprint(eqx.Module):
         rest = jnp.where(self.flat, 1, (self.start + self.mu - d) / self.mu)
         return Depth(*(jnp.where(v > 0, v, 0) for v in (delta, rest)))
 
+    def with_moments(self, moments: Moments, unit: Float[Array, ""]) -> "Footprint":
+        """The same, for an L_P norm."""
+        return eqx.tree_at(lambda f: (f.moments, f.unit), self, (moments, unit), is_leaf=lambda v: v is None)
+
     def at_best(self) -> "Footprint":
         """For a `grouped` footprint: the same groups if each receiver had its group's other depth.
 
@@ -109,37 +112,3 @@ def range_of(start: Array, end: Array, largest: Array) -> tuple[Array, Array]:
     """(mu, flat): the depth range, 1 where it is within rounding of the depths themselves (`largest` in size)."""
     flat = ~(end - start > 4 * jnp.finfo(start.dtype).eps * largest)
     return jnp.where(flat, 1, end - start), flat
-
-
-def whole(valid: Bool[Array, " N"], values: Float[Array, " N"], least: bool) -> Float[Array, ""]:
-    """The least or largest of the valid values; 0 if there are none."""
-    edge = np.inf if least else -np.inf
-    found = jnp.where(valid, values, edge).min() if least else jnp.where(valid, values, edge).max()
-    return jnp.where(valid.any(), found, 0)
-
-
-def from_points(
-    valid: Bool[Array, " N"], points: Float[Array, "N 3"], camera: Camera, frame: LightFrame
-) -> tuple[Footprint, Depth]:
-    """The footprint of a few points, each its own group, and their depths; moments are the caller's."""
-    points = jnp.where(valid[:, None], points, 0)
-    d, x, h = frame.depth(points), frame.lateral(points), frame.along_light(points)
-    start, end = whole(valid, d, True), whole(valid, d, False)
-    mu, flat = range_of(start, end, jnp.abs(d).max())
-    axis = axis_inside(whole(valid, x, True), whole(valid, x, False))
-    depth = Depth(
-        jnp.where(valid, jnp.where(flat, 0, d - start) / mu, 0), jnp.where(valid, jnp.where(flat, 1, end - d) / mu, 1)
-    )
-    sides = (jnp.where(valid & (side > 0), side, 0) for side in (x - axis, axis - x))
-    footprint = Footprint(
-        start,
-        mu,
-        axis,
-        Nearest(depth, jnp.where(valid, points[:, 2], jnp.inf)),
-        Sides(depth, depth, *sides, jnp.where(valid, h, jnp.inf), jnp.where(valid, h, -jnp.inf)),
-        None,
-        camera.near,
-        ~valid.any(),
-        flat,
-    )
-    return footprint, depth

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from .._numerics import larger
 from ..theory.camera import Camera
 from ..theory.error_norm import ErrorNorm, Measure
 from ..theory.light_frame import LightFrame
@@ -35,13 +36,13 @@ class WholeFrustum(eqx.Module):
         # The frustum begins at the near or the far end of its lowest edge, and ends likewise.
         start, end = jnp.where(least > 0, n * least, f * least), jnp.where(largest > 0, f * largest, n * largest)
         _, flat = range_of(start, end, f * jnp.abs(slopes).max())
-        ahead = f * (largest - least) + (f - n) * _plus(least)
-        behind = n * (largest - least) + (f - n) * _plus(-least)
+        ahead = f * (largest - least) + (f - n) * larger(least, 0)
+        behind = n * (largest - least) + (f - n) * larger(-least, 0)
         mu = jnp.where(flat, 1, jnp.where(largest > 0, ahead, behind))
 
         def depth(slope: Array, z: Array) -> Depth:
-            above = z * (slope - least) + (z - n) * _plus(least) + (f - z) * _plus(-least)
-            below = z * (largest - slope) + (f - z) * _plus(largest) + (z - n) * _plus(-largest)
+            above = z * (slope - least) + (z - n) * larger(least, 0) + (f - z) * larger(-least, 0)
+            below = z * (largest - slope) + (f - z) * larger(largest, 0) + (z - n) * larger(-largest, 0)
             return Depth(jnp.where(flat, 0, above / mu), jnp.where(flat, 1, below / mu))
 
         z = jnp.stack([n, f])[:, None]
@@ -67,10 +68,6 @@ class WholeFrustum(eqx.Module):
         h = (along * z).ravel()
         all_sides = Sides(every, every, *sides, h, h)
         return Footprint(start, mu, axis, nearest, all_sides, moments, n, jnp.zeros((), bool), flat)
-
-
-def _plus(value: Array) -> Array:
-    return jnp.where(value > 0, value, 0)
 
 
 def window_nodes(camera: Camera, measure: Measure, degree: int) -> tuple[Array, Array]:

@@ -60,6 +60,17 @@ class Moments(eqx.Module):
         )
 
 
+def binomial_moments(sums: list[Array], mass: Array, norm: ErrorNorm) -> Moments:
+    """Moments from the sums of (1 - delta)^(M-j) delta^j z^-rP, j = 0..M, and of the measure; ones where it is 0."""
+    M = len(sums) - 1
+    raw = [math.comb(M, j) * value for j, value in enumerate(sums)]
+    largest = jax.lax.stop_gradient(functools.reduce(jnp.maximum, raw))
+    there = (largest > 0) & jnp.isfinite(largest) & (mass > 0)
+    largest, mass = jnp.where(there, largest, 1), jnp.where(there, mass, 1)
+    coefficients = tuple(jnp.where(there, b / largest, 1) for b in raw)
+    return Moments(coefficients, jnp.ones_like(mass), (largest / mass) ** (1 / norm.order))
+
+
 def moments(space: LightSpace, norm: ErrorNorm) -> Moments:
     """The moments of the whole frustum under `norm`, whose M must be an integer.
 

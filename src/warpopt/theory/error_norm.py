@@ -8,7 +8,7 @@ from typing import Literal, get_args
 Measure = Literal["volume", "screen", "log_depth", "ground", "axis"]
 # dm = z^-m dx dy dz. volume: uniform over V; screen: uniform over screen and depth; log_depth: over screen and log
 # depth; ground: the density of a level ground plane. axis: x = y = 0, dz.
-_DENSITY_EXPONENT = {"volume": 0.0, "screen": 2.0, "log_depth": 3.0, "ground": 4.0}
+DENSITY_EXPONENT = {"volume": 0.0, "screen": 2.0, "log_depth": 3.0, "ground": 4.0}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,7 +99,7 @@ class ErrorNorm:
     @property
     def volume_exponent(self) -> float:
         """q0 such that the measure's weight in (u, z) is z^-q0: the cross-section of V grows as z^2."""
-        return 0.0 if self.measure == "axis" else _DENSITY_EXPONENT[self.measure] - 2
+        return 0.0 if self.measure == "axis" else DENSITY_EXPONENT[self.measure] - 2
 
     @property
     def depth_exponent(self) -> float:

@@ -8,10 +8,6 @@ from jaxtyping import Array, Bool, Float
 
 from .camera import Camera, DirectionalLight
 
-# sin(theta) below which the light counts as parallel to the view: Z_w is free there, and its gradient grows as
-# 1/sin(theta). sqrt(eps): the depths' error in treating it so is below rounding in the warp's value.
-_PARALLEL = 0.5
-
 
 class LightFrame(eqx.Module):
     """W's axes in eye coordinates (SC (3)): Z_w = normalised v - l (l.v), X_w perpendicular to it and to the light.
@@ -54,7 +50,9 @@ class LightFrame(eqx.Module):
         l = camera.rotation @ light.direction.astype(camera.rotation.dtype)  # noqa: E741, the paper's letter
         # v = (0, 0, 1): v - l (l.v) = (-lx lz, -ly lz, lx^2 + ly^2), whose length is sin(theta).
         sine_squared = l[0] ** 2 + l[1] ** 2
-        parallel = sine_squared < jnp.finfo(l.dtype).eps ** (2 * _PARALLEL)
+        # Z_w is free where light and view are parallel, and its gradient grows as 1/sin(theta). Up to sqrt(eps) the
+        # depths' error in treating it so is below rounding in the warp's value.
+        parallel = sine_squared < jnp.finfo(l.dtype).eps
         sine = jnp.sqrt(jnp.where(parallel, 1, sine_squared))
         # X_w lies in the screen plane; right where the light goes up the screen, as in AT09's figures. The side is
         # chosen so that x keeps its sense when the light swings past the view.

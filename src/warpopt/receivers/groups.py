@@ -1,0 +1,136 @@
+"""Groups of receivers: what makes a scene of any size a few hundred numbers, and their sums."""
+
+import math
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, PyTree
+
+from .._numerics import power
+from ..theory.error_norm import ErrorNorm
+from ..theory.light_frame import LightFrame
+from ..theory.light_space import Depth
+from .footprint import Footprint, Nearest, Sides, axis_inside, range_of
+from .whole_frustum import binomial_moments
+
+BINS = 256  # in delta; each is a group of the footprint
+# Bins are even in log(delta + this), so that A = (1 - delta) eta + delta varies by at most 3.7 % within one for eta
+# above it. Even in delta, the first bin alone would double A at eta = 1/256.
+_FINEST = 1e-4
+
+
+def bin_of(share: Float[Array, "..."]) -> Array:
+    """The bin of a delta in [0, 1]."""
+    position = jnp.log1p(share / _FINEST) / math.log1p(1 / _FINEST)
+    return jax.lax.stop_gradient(jnp.clip((position * BINS).astype(int), 0, BINS - 1))
+
+
+class Groups(eqx.Module):
+    """Groups of receivers by what bounds each: Z_w . c, X_w . c, l . c, and the least eye depth. Empty: z = inf."""
+
+    least_depth: Float[Array, " G"]
+    largest_depth: Float[Array, " G"]
+    least_lateral: Float[Array, " G"]
+    largest_lateral: Float[Array, " G"]
+    least_light: Float[Array, " G"]
+    largest_light: Float[Array, " G"]
+    z: Float[Array, " G"]
+
+
+def grouped(seen: Array, d: Array, x: Array, h: Array, z: Array, which: Array, count: int) -> Groups:
+    """The groups' bounds, by group number."""
+
+    def least(values: Array) -> Array:
+        return jax.ops.segment_min(jnp.where(seen, values, jnp.inf), which, count)
+
+    return Groups(*(side for v in (d, x, h) for side in (least(v), -least(-v))), least(z))
+
+
+def ends(seen: Bool[Array, "..."], values: Float[Array, "..."]) -> tuple[Array, Array]:
+    """The least and the largest of what is seen; 0 if nothing is."""
+    least, largest = jnp.where(seen, values, jnp.inf).min(), jnp.where(seen, values, -jnp.inf).max()
+    there = seen.any()
+    return jnp.where(there, least, 0), jnp.where(there, largest, 0)
+
+
+def singles(valid: Bool[Array, " N"], points: Float[Array, "N 3"], frame: LightFrame) -> Groups:
+    """A few points in eye coordinates, each its own group."""
+    points = jnp.where(valid[:, None], points, 0)
+    bounds = (frame.depth(points), frame.lateral(points), frame.along_light(points))
+    sides = (jnp.where(valid, v, edge) for v in bounds for edge in (jnp.inf, -jnp.inf))
+    return Groups(*sides, jnp.where(valid, points[:, 2], jnp.inf))
+
+
+def from_groups(groups: Groups, near: Array, grouped: bool = True) -> Footprint:
+    """The footprint that no receiver of any group exceeds: the fit is conservative, and exact for groups of one."""
+    there = jnp.isfinite(groups.z)
+    start, _ = ends(there, groups.least_depth)
+    _, end = ends(there, groups.largest_depth)
+    least, _ = ends(there, groups.least_lateral)
+    _, largest = ends(there, groups.largest_lateral)
+    mu, flat = range_of(start, end, jnp.maximum(jnp.abs(start), jnp.abs(end)))
+    axis = axis_inside(least, largest)
+
+    def depth(d: Array) -> Depth:
+        usable = there & ~flat
+        d = jnp.where(usable, d, start)
+        return Depth(jnp.where(usable, (d - start) / mu, 0), jnp.where(usable, (end - d) / mu, 1))
+
+    sides = (
+        jnp.where(there & (side > 0), jnp.where(there, side, 0), 0)
+        for side in (groups.largest_lateral - axis, axis - groups.least_lateral)
+    )
+    farthest = depth(groups.largest_depth)
+    return Footprint(
+        start,
+        mu,
+        axis,
+        Nearest(farthest, groups.z),
+        Sides(depth(groups.least_depth), farthest, *sides, groups.least_light, groups.largest_light),
+        None,
+        near,
+        ~there.any(),
+        flat,
+        grouped,
+    )
+
+
+def with_moments(
+    footprint: Footprint,
+    rows: PyTree,
+    receivers_of: Callable[[PyTree], tuple[Depth, Array, Array]],
+    unit: Array,
+    norm: ErrorNorm,
+) -> Footprint:
+    """The footprint with the moments of weighted receivers; all terms positive.
+
+    One sweep: row by row, all sums at once, so that nothing but the rows is read and nothing is kept. (Five sums of a
+    1920 by 1080 buffer: 7 ms so, 57 ms as five reductions, of which each computes everything anew.)
+
+    Args:
+        rows: arrays whose leading axis is the rows'.
+        receivers_of: (depth, z in units of `unit`, weight) of one row's receivers.
+    """
+    M, exponent = round(norm.blend_degree), norm.metric.depth_power * norm.order
+
+    def add(sums: tuple[Array, ...], row: PyTree) -> tuple[tuple[Array, ...], None]:
+        depth, z, weight = receivers_of(row)
+        weighted = weight * power(1 / z, exponent)
+        near, far = (_powers(v, M) for v in (depth.one_minus_delta, depth.delta))
+        terms = (weighted * near[M - j] * far[j] for j in range(M + 1))
+        return tuple(total + term for total, term in zip(sums, (weight, *terms), strict=True)), None
+
+    first = jax.tree.map(lambda v: v[0], rows)
+    shape = jax.eval_shape(lambda row: receivers_of(row)[2], first)
+    mass, *raw = jax.lax.scan(add, (jnp.zeros(shape.shape, shape.dtype),) * (M + 2), rows)[0]
+    return footprint.with_moments(binomial_moments([value.sum() for value in raw], mass.sum(), norm), unit)
+
+
+def _powers(base: Array, highest: int) -> list[Array]:
+    """base^0 .. base^highest, each from the one before: derivatives at 0 are finite."""
+    powers = [jnp.ones_like(base)]
+    for _ in range(highest):
+        powers.append(powers[-1] * base)
+    return powers
