@@ -1,6 +1,5 @@
 """Receivers as a renderer has them: the depth buffer of the frame."""
 
-import dataclasses
 from typing import Literal
 
 import equinox as eqx
@@ -11,10 +10,10 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from .._checks import checked, float_arrays
+from .._numerics import larger
 from ..theory.camera import Camera
 from ..theory.error_norm import ErrorNorm
 from ..theory.light_frame import LightFrame
-from ..theory.light_space import Depth
 from .footprint import Footprint
 from .groups import BINS, Groups, bin_of, from_groups, with_moments
 
@@ -64,67 +63,102 @@ class DepthBuffer(eqx.Module):
 
     def eye_depth(self, camera: Camera) -> Float[Array, "H W"]:
         """Eye depth of each pixel; inf for background."""
-        n, f, value = camera.near, camera.far, self.depth
+        seen, z = self._decoded(self.depth, camera)
+        return jnp.where(seen, z, jnp.inf)
+
+    def _decoded(self, value: Array, camera: Camera) -> tuple[Array, Array]:
+        """(which pixels are no background, eye depths, in [near, far] for all)."""
+        n, f = camera.near, camera.far
         if self.encoding == "linear":
-            return jnp.where((value > 0) & (value < f), jnp.maximum(value, n), jnp.inf)
+            seen = (value > 0) & (value < f)
+            return seen, jnp.where(seen, larger(value, n), n)
         if self.encoding == "standard":
-            return jnp.where(value < 1, n * f / (f - value * (f - n)), jnp.inf)
-        return jnp.where(value > 0, n * f / (n + value * (f - n)), jnp.inf)
+            return value < 1, n * f / (f - value * (f - n))
+        return value > 0, n * f / (n + value * (f - n))
 
     def footprint(self, camera: Camera, frame: LightFrame, norm: ErrorNorm) -> Footprint:
-        """See `Receivers`. One pass for extents, cell by cell, and one for moments."""
-        z = self.eye_depth(camera)
-        d, x, h = (_along(axis, z, camera) for axis in (frame.z_axis, frame.x_axis, frame.light))
-        cells = Groups(*(_by_cells(v, least) for v in (d, x, h) for least in (True, False)), _by_cells(z, True))
-        there = jnp.isfinite(cells.z)
-        start = jnp.where(there, cells.least_depth, jnp.inf).min()
-        end = jnp.where(there, cells.largest_depth, -jnp.inf).max()
+        """See `Receivers`. One pass for extents, cell by cell, and one for moments; each decodes what it reads."""
+        across, up = _slopes(self.depth, camera)
+        # What rows share is computed here: inside a sweep every pixel would.
+        slope_across, slope_up = frame.z_axis[0] * across, frame.z_axis[1] * up + frame.z_axis[2]
+        rows = self.depth, slope_up
+
+        def depths(row: tuple[Array, Array]) -> tuple[Array, Array, Array]:
+            value, slope = row
+            seen, z = self._decoded(value, camera)
+            return seen, z, z * (slope_across + slope)
+
+        start, end, cells = self._cells(rows, depths, across, up, frame)
         share = (cells.least_depth - start) / jnp.where(end > start, end - start, 1)
-        footprint = from_groups(_joined(cells, bin_of(jnp.where(there, share, 0))), camera.near)
+        which = bin_of(jnp.where(jnp.isfinite(cells.z), share, 0))
+        footprint = from_groups(jax.tree.map(lambda v, sign: _joined(v, sign, which), cells, _SIGNS), camera.near)
         if norm.supremum:
             return footprint
         unit = jnp.where(footprint.empty, 1, cells.z.min())
-        across, up = _slopes(z, camera)
 
-        def receivers_of(row: tuple[Array, Array]) -> tuple[Depth, Array, Array]:
-            z, up = row
-            seen = jnp.isfinite(z)
-            z = jnp.where(seen, z, unit)
-            d = z * (frame.z_axis[0] * across + (frame.z_axis[1] * up + frame.z_axis[2]))
-            return footprint.share(d), z / unit, seen.astype(z.dtype)
+        def receivers_of(row: tuple[Array, Array]) -> tuple[Array, Array, Array]:
+            seen, z, d = depths(row)
+            return jnp.where(seen, d, start), unit / z, seen.astype(z.dtype)
 
-        return with_moments(footprint, (z, up), receivers_of, unit, norm)
+        return with_moments(footprint, rows, receivers_of, unit, norm)
+
+    def _cells(self, rows, depths, across: Array, up: Array, frame: LightFrame) -> tuple[Array, Array, Groups]:
+        """(least and largest Z_w . c of all pixels, bounds of the cells).
+
+        Reducing by cells costs several times what reducing whole rows does, so that only z is: with the slopes at a
+        cell's ends it bounds Z_w . c, X_w . c and l . c.
+        """
+        width = self.depth.shape[1]
+        size = max(1, round(self.depth.size / _CELLS))
+        pad = -width % size
+
+        def bounds(found: tuple[Array, Array], row: tuple[Array, Array]):
+            seen, z, d = depths(row)
+            least = jnp.where(seen & (d < found[0]), d, found[0])
+            largest = jnp.where(seen & (d > found[1]), d, found[1])
+            near, far = (
+                jnp.pad(jnp.where(seen, z, edge), (0, pad), constant_values=edge).reshape(-1, size)
+                for edge in (jnp.inf, -jnp.inf)
+            )
+            return (least, largest), (near.min(1), far.max(1))
+
+        edges = (jnp.full(width, edge, self.depth.dtype) for edge in (jnp.inf, -jnp.inf))
+        (least, largest), (near, far) = jax.lax.scan(bounds, tuple(edges), rows)
+        there = jnp.isfinite(near)
+        start, end = (jnp.where(there.any(), v, 0) for v in (least.min(), largest.max()))
+        near, far = jnp.where(there, near, 1), jnp.where(there, far, 1)
+        first = np.arange(0, width, size)
+        ends = across[first], across[np.minimum(first + size, width) - 1]
+
+        def extents(axis: Array) -> tuple[Array, Array, Array, Array]:
+            """(least, a least that is reached, a largest that is reached, largest) of axis . c."""
+            one, other = (axis[0] * end + (axis[1] * up + axis[2])[:, None] for end in ends)
+            low, high = jnp.where(one < other, one, other), jnp.where(one < other, other, one)
+            return (
+                low * jnp.where(low > 0, near, far), high * jnp.where(high > 0, near, far),
+                low * jnp.where(low > 0, far, near), high * jnp.where(high > 0, far, near),
+            )  # fmt: skip
+
+        (d_least, *_, d_largest), (x_least, *reached, x_largest), (h_least, *_, h_largest) = (
+            extents(axis) for axis in (frame.z_axis, frame.x_axis, frame.light)
+        )
+        d_least, d_largest = jnp.where(d_least > start, d_least, start), jnp.where(d_largest < end, d_largest, end)
+        cells = Groups(d_least, d_largest, x_least, x_largest, h_least, h_largest, near, tuple(reached))
+        return start, end, jax.tree.map(lambda v, sign: jnp.where(there, v, sign * jnp.inf).ravel(), cells, _SIGNS)
 
 
-def _slopes(z: Array, camera: Camera) -> tuple[Array, Array]:
+# Of each bound, whether groups join in the least (1) or the largest (-1), and where empty ones stand.
+_SIGNS = Groups(1, -1, 1, -1, 1, -1, 1, (1, -1))
+
+
+def _joined(values: Array, sign: int, which: Array) -> Array:
+    """The cells' bounds gathered into bins."""
+    return (jax.ops.segment_min if sign > 0 else jax.ops.segment_max)(values, which, BINS)
+
+
+def _slopes(depth: Array, camera: Camera) -> tuple[Array, Array]:
     """(x/z of each column, y/z of each row) at the pixels' centres."""
     left, right, bottom, top = camera.window
-    height, width = z.shape
+    height, width = depth.shape
     columns, rows = ((np.arange(size) + 0.5) / size for size in (width, height))
-    return left + (right - left) * columns.astype(z.dtype), top - (top - bottom) * rows.astype(z.dtype)
-
-
-def _along(axis: Array, z: Array, camera: Camera) -> Array:
-    """axis . c for every pixel; NaN for background."""
-    across, up = _slopes(z, camera)
-    slopes = axis[0] * across + (axis[1] * up + axis[2])[:, None]
-    return jnp.where(jnp.isfinite(z), slopes * jnp.where(jnp.isfinite(z), z, 0), jnp.nan)
-
-
-def _by_cells(values: Array, least: bool) -> Array:
-    """Least or largest of each cell, NaN (background) aside."""
-    edge = jnp.inf if least else -jnp.inf
-    values = jnp.where(jnp.isnan(values), edge, values)
-    size = max(1, round(values.size / _CELLS))
-    values = jnp.pad(values, ((0, 0), (0, -values.shape[1] % size)), constant_values=edge)
-    cells = values.reshape(-1, size)
-    return cells.min(1) if least else cells.max(1)
-
-
-def _joined(cells: Groups, which: Array) -> Groups:
-    """The cells' bounds gathered into bins. Empty cells bound nothing: their least is inf, their largest -inf."""
-
-    def join(values: Array, least: bool) -> Array:
-        return jax.ops.segment_min(values, which, BINS) if least else jax.ops.segment_max(values, which, BINS)
-
-    return Groups(*(join(getattr(cells, f.name), not f.name.startswith("largest")) for f in dataclasses.fields(cells)))
+    return left + (right - left) * columns.astype(depth.dtype), top - (top - bottom) * rows.astype(depth.dtype)

@@ -74,4 +74,4 @@ class DepthHistogram(eqx.Module):
         mass = jnp.where(there, counts, 0)[:, None] * w * weights[:, None, None]
         unit = jnp.where(footprint.empty, 1, z.min())
         rows = d, jnp.broadcast_to(jnp.where(there[:, None], inner, unit), d.shape), mass
-        return with_moments(footprint, rows, lambda row: (footprint.share(row[0]), row[1] / unit, row[2]), unit, norm)
+        return with_moments(footprint, rows, lambda row: (row[0], unit / row[1], row[2]), unit, norm)

@@ -39,6 +39,8 @@ class Sides(eqx.Module):
     left: Float[Array, " K"]  # largest axis - x, >= 0
     light_least: Float[Array, " K"]  # least l . c, which grows away from the light
     light_largest: Float[Array, " K"]
+    # Of groups that may be narrower than `right` and `left`: what some receiver reaches or exceeds.
+    reached: tuple[Float[Array, " K"], Float[Array, " K"]] | None = None
 
 
 class Footprint(eqx.Module):
@@ -78,23 +80,22 @@ class Footprint(eqx.Module):
         depth = Depth((d - self.start) / self.mu, (self.start + self.mu - d) / self.mu)
         return depth, frame.lateral(eye_points) - self.axis, eye_points[..., 2]
 
-    def share(self, d: Float[Array, "..."]) -> Depth:
-        """delta and 1 - delta of receivers at Z_w . c = d, neither below 0."""
-        delta = jnp.where(self.flat, 0, (d - self.start) / self.mu)
-        rest = jnp.where(self.flat, 1, (self.start + self.mu - d) / self.mu)
-        return Depth(*(jnp.where(v > 0, v, 0) for v in (delta, rest)))
-
     def with_moments(self, moments: Moments, unit: Float[Array, ""]) -> "Footprint":
         """The same, for an L_P norm."""
         return eqx.tree_at(lambda f: (f.moments, f.unit), self, (moments, unit), is_leaf=lambda v: v is None)
 
     def at_best(self) -> "Footprint":
-        """For a `grouped` footprint: the same groups if each receiver had its group's other depth.
+        """For a `grouped` footprint: the same groups if each receiver had its group's other depth, and no more width
+        than is known.
 
         At every eta the norm of this and that of the footprint itself enclose that of the receivers one by one.
         """
-        depths = self.sides.depth, self.sides.farthest
-        return eqx.tree_at(lambda f: (f.nearest.depth, f.sides.depth), self, depths)
+        sides = self.sides
+        return eqx.tree_at(
+            lambda f: (f.nearest.depth, f.sides.depth, f.sides.right, f.sides.left),
+            self,
+            (sides.depth, sides.farthest, *sides.reached),
+        )
 
 
 class Receivers(Protocol):

@@ -76,7 +76,7 @@ class PointReceivers(eqx.Module):
         unit = jnp.where(seen.any(), jnp.where(seen, z, jnp.inf).min(), 1)
         weights = jnp.where(seen, weights, 0)
         rows = tuple(_in_rows(v, fill) for v, fill in ((d, footprint.start), (z, unit), (weights, 0)))
-        return with_moments(footprint, rows, lambda row: (footprint.share(row[0]), row[1] / unit, row[2]), unit, norm)
+        return with_moments(footprint, rows, lambda row: (row[0], unit / row[1], row[2]), unit, norm)
 
 
 def _in_rows(values: Array, fill: ArrayLike) -> Array:

@@ -143,7 +143,8 @@ def _solve(camera, light, receivers, norms, screen, shadow_map, min_eta) -> Scen
     optimum = minimise(log_norm, min_eta)
     value, unwarped = value_at(log_norm, optimum.log_eta), value_at(log_norm, jnp.zeros_like(optimum.log_eta))
     excess = jnp.zeros_like(value)
-    if footprint.grouped:
+    # An L_P norm of E_p has its moments from the receivers one by one: groups lose nothing.
+    if footprint.grouped and (norms[0].supremum or norms[0].metric.beta):
         best_case = eqx.tree_at(lambda n: n.footprint, log_norm, footprint.at_best())
         least = value_at(best_case, minimise(best_case, min_eta).log_eta)
         excess = jnp.where(least > 0, value / jnp.where(least > 0, least, 1) - 1, 0)
