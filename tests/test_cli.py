@@ -14,6 +14,7 @@ import warpopt
 from warpopt.app import cli, run
 from warpopt.app.config import ConfigError, RunConfig, read_config
 from warpopt.app.scene_config import SceneConfig
+from warpopt.app.table_config import TableConfig
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 SMALL = """
@@ -98,9 +99,10 @@ def test_overrides_of_any_key(folder):
 
 @pytest.mark.parametrize("name", sorted(p.name for p in CONFIGS.glob("*.toml")))
 def test_shipped_configs_are_valid_and_say_what_they_answer(name):
-    model = SceneConfig if "[camera]" in (CONFIGS / name).read_text() else RunConfig
+    text = (CONFIGS / name).read_text()
+    model = SceneConfig if "[camera]" in text else TableConfig if "max_regret" in text else RunConfig
     assert isinstance(read_config(CONFIGS / name, [], model), model)
-    first = (CONFIGS / name).read_text().split("\n[")[0]
+    first = text.split("\n[")[0]
     assert first.startswith("# ")
     assert "?" in first
 

@@ -1,5 +1,6 @@
 """Exported code, compiled and run: the look-up of a table, and the closed form."""
 
+import equinox as eqx
 import numpy as np
 import pytest
 from shaders import run_compiled, run_glsl, run_wgsl, validate
@@ -36,6 +37,8 @@ def ulps(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(("compiler", "language"), [("gcc", C), ("g++", CPP)])
 def test_a_tables_code_is_its_look_up(table, tmp_path, compiler, language):
     """100,000 inputs with NaN, infinities and what lies outside: within 4 ulp of float32, under the sanitisers."""
+    if language is CPP:  # one whose ends lie within, so that both clamp
+        table = eqx.tree_at(lambda t: (t.theta, t.log_eta), table, (table.theta[2:8], table.log_eta[2:8]))
     given = directions(table, 100_000)
     eta, lam = run_compiled(compiler, language.suffix, source(table, language), given, False, tmp_path).T
     expected = table.eta_numpy(given[:, 0])
@@ -98,8 +101,8 @@ def check_closed_form(given: np.ndarray, eta: np.ndarray, lam: np.ndarray, metri
 @pytest.mark.parametrize("metric", ["p", "q", "pxq"])
 @pytest.mark.parametrize(("compiler", "language"), [("gcc", C), ("g++", CPP)])
 def test_the_closed_forms_code_is_the_optimum(tmp_path, compiler, language, metric):
-    """100,000 frusta and directions in C, fewer in C++, which has the same operations; then what is no frustum."""
-    given = frusta(100_000 if language is C else 5_000)
+    """100,000 frusta and directions, then what is no frustum."""
+    given = frusta(100_000)
     bad = np.float32([[t, 1, 100, 0.5] for t in (np.nan, np.inf, -np.inf)])
     bad = np.concatenate([bad, [[1, n, f, p] for n, f, p in _NO_FRUSTA]]).astype(np.float32)
     far_off = np.float32([[t, 1, 100, 0.5] for t in SPECIAL])
@@ -131,7 +134,8 @@ def test_glslang_accepts_the_shading_languages(table, tmp_path, name):
         value = f"warpopt_eta({arguments}) + warpopt_lambda({arguments})"
         if language is HLSL:
             main = f"float4 main(float x : TEXCOORD0) : SV_Target {{ return {value}; }}"
-            validate(["-D", "-S", "frag", "-e", "main", "-V"], f"{code}\n{main}\n", tmp_path / "shader.hlsl")
+            words = ["-D", "-S", "frag", "-e", "main", "-V", "-o", str(tmp_path / "shader.spv")]
+            validate(words, f"{code}\n{main}\n", tmp_path / "shader.hlsl")
         else:
             version = name.split()[1]
             main = f"in float x;\nout float y;\nvoid main() {{ y = {value}; }}"
@@ -155,13 +159,13 @@ def test_shaders_run_as_the_look_up_and_the_optimum(table, name):
     expected = table.eta_numpy(given[:, 0])
     np.testing.assert_allclose(eta, expected, rtol=1e-5)
     assert (lam[expected == 1] > 3.3e38).all()
-    rows = frusta(20_000)
-    rows = rows[rows[:, 2] < 1000 * rows[:, 1]]
+    rows = frusta(100_000)
+    rows[:, 2] = np.minimum(rows[:, 2], 1000 * rows[:, 1])
     for metric in ("p", "q", "pxq"):
         eta, _ = RUNNERS[name](closed_form_source(metric, language), rows, True).T
         # sin and cos are exact to an absolute 1e-7 only and sums may be reordered, so that the upper plane's slope is
-        # too, and f/n times that enters lambda
-        assert regret(rows, eta, metric).max() < 1000 * EPS
+        # too; f/n times that enters lambda, and its power of up to three the error
+        assert regret(rows, eta, metric).max() < 3 * 1000 * EPS
 
 
 def test_code_is_the_same_for_the_same_table_and_says_where_it_is_from(table):
