@@ -63,7 +63,8 @@ def run_glsl(version: int, text: str, given: np.ndarray, closed: bool) -> np.nda
     try:
         context = moderngl.create_context(standalone=True, backend="egl", require=version)
     except Exception as flaw:  # what it raises depends on what is missing
-        pytest.skip(f"no OpenGL {version} through EGL ({flaw}): apt-get install libegl1 libgl1 libgl1-mesa-dri")
+        words = str(flaw).splitlines()[0]
+        pytest.skip(f"no OpenGL {version} through EGL ({words}): apt-get install libegl1 libgl1 libgl1-mesa-dri")
     with context:
         shader = f"""#version {version}
 {text}
@@ -90,7 +91,8 @@ def run_wgsl(text: str, given: np.ndarray, closed: bool) -> np.ndarray:
         adapter = wgpu.gpu.request_adapter_sync(power_preference="low-power")
         device = adapter.request_device_sync()
     except Exception as flaw:
-        pytest.skip(f"no WebGPU adapter ({flaw}): apt-get install libvulkan1 mesa-vulkan-drivers")
+        words = str(flaw).splitlines()[0]
+        pytest.skip(f"no WebGPU adapter ({words}): apt-get install libvulkan1 mesa-vulkan-drivers")
     shader = f"""{text}
 @group(0) @binding(0) var<storage, read> given: array<vec4<f32>>;
 @group(0) @binding(1) var<storage, read_write> found: array<vec2<f32>>;

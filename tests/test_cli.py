@@ -245,7 +245,8 @@ def test_help_and_refusals_do_not_wait_for_jax():
         "except SystemExit as e:\n    print('code', e.code)\n"
         "print('jax' in sys.modules)\n"
     )
-    for arguments, code_expected in ((["--help"], 0), (["run", "nowhere.toml"], 2)):
+    refused = (["run", "nowhere.toml"], 2), (["table", "nowhere.toml"], 2), (["export", "nowhere.toml", "--to", "c"], 2)
+    for arguments, code_expected in ((["--help"], 0), *refused):
         result = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
         assert result.stdout.splitlines()[-2:] == [f"code {code_expected}", "False"]
 
