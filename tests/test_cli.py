@@ -14,6 +14,7 @@ import warpopt
 from warpopt.app import cli, run
 from warpopt.app.config import ConfigError, RunConfig, read_config
 from warpopt.app.scene_config import SceneConfig
+from warpopt.app.table_config import TableConfig
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 SMALL = """
@@ -98,9 +99,10 @@ def test_overrides_of_any_key(folder):
 
 @pytest.mark.parametrize("name", sorted(p.name for p in CONFIGS.glob("*.toml")))
 def test_shipped_configs_are_valid_and_say_what_they_answer(name):
-    model = SceneConfig if "[camera]" in (CONFIGS / name).read_text() else RunConfig
+    text = (CONFIGS / name).read_text()
+    model = SceneConfig if "[camera]" in text else TableConfig if "max_regret" in text else RunConfig
     assert isinstance(read_config(CONFIGS / name, [], model), model)
-    first = (CONFIGS / name).read_text().split("\n[")[0]
+    first = text.split("\n[")[0]
     assert first.startswith("# ")
     assert "?" in first
 
@@ -243,7 +245,8 @@ def test_help_and_refusals_do_not_wait_for_jax():
         "except SystemExit as e:\n    print('code', e.code)\n"
         "print('jax' in sys.modules)\n"
     )
-    for arguments, code_expected in ((["--help"], 0), (["run", "nowhere.toml"], 2)):
+    refused = (["run", "nowhere.toml"], 2), (["table", "nowhere.toml"], 2), (["export", "nowhere.toml", "--to", "c"], 2)
+    for arguments, code_expected in ((["--help"], 0), *refused):
         result = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
         assert result.stdout.splitlines()[-2:] == [f"code {code_expected}", "False"]
 

@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -72,6 +73,18 @@ def test_scene_receivers_are_measured(tmp_path):
     assert all(row["ms"] > 0 for row in summary["buffer"] + summary["bodies"])
     for row in summary["histogram_regret"]:
         assert -1e-9 < row["histogram"] < row["no warp"]
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not on this machine: apt-get install gcc")
+def test_look_ups_are_timed_beside_lispsm(tmp_path):
+    """The program compiles and runs, and the page gets its table; how long it takes decides nothing here."""
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- lookup speed -->\n<!-- end lookup speed -->\nafter\n")
+    run("lookup_speed.py", "--short", "--directory", str(tmp_path), "--readme", str(page))
+    times = json.loads((tmp_path / "speed.json").read_text())["ns"]["gcc"]
+    assert len(times) == 5
+    assert all(0 < ns < 1e6 for ns in times.values())
+    assert all(f" {name} |" in page.read_text() for name in times)
 
 
 @pytest.mark.parametrize(("metric", "order"), [("p", 2.0), ("pxq", 1.0), ("q", math.inf)])

@@ -1,7 +1,4 @@
-"""Tables: the promise, the look-up, the files, and the code made from them."""
-
-import shutil
-import subprocess
+"""Tables: the promise, the look-up and the files. The code made from them: test_export.py."""
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +7,6 @@ import pytest
 
 import warpopt
 from warpopt import LambdaTable, build_table
-from warpopt.export.lookup import LANGUAGES, source
 from warpopt.table.files import TableFileError
 from warpopt.table.polyline import fewest_knots
 
@@ -121,49 +117,6 @@ def test_edited_tables_are_refused(table, tmp_path):
         path.write_text(text.replace(old, new))
         with pytest.raises(TableFileError, match=words):
             LambdaTable.load(path)
-
-
-_MAIN = """#include "table{suffix}"
-#include <stdio.h>
-int main(void) {{
-    float x;
-    while (fread(&x, sizeof x, 1, stdin) == 1) {{
-        float out[2] = {{warpopt_eta(x, 1.0f, 100.0f), warpopt_lambda(x, 1.0f, 100.0f)}};
-        if (fwrite(out, sizeof out, 1, stdout) != 1) return 1;
-    }}
-    return 0;
-}}
-"""
-
-
-@pytest.mark.parametrize(("language", "compiler", "standard"), [("c", "gcc", "c99"), ("cpp", "g++", "c++17")])
-def test_exported_code_compiles_cleanly_and_is_the_look_up(table, tmp_path, language, compiler, standard):
-    """100,000 inputs with NaN, infinities and what lies outside: within 4 ulp of float32, under the sanitisers."""
-    if shutil.which(compiler) is None:
-        pytest.skip(f"{compiler} is not on this machine")
-    (form,) = LANGUAGES[language]
-    text = source(table, form)
-    assert source(table, form) == text
-    (tmp_path / f"table{form.suffix}").write_text(text)
-    program = tmp_path / f"main.{language}"
-    program.write_text(_MAIN.format(suffix=form.suffix))
-    flags = ["-Wall", "-Wextra", "-Werror", "-pedantic", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    command = [compiler, f"-std={standard}", "-O2", *flags, "-o", str(tmp_path / "main"), str(program), "-lm"]
-    subprocess.run(command, check=True)
-    rng = np.random.default_rng(0)
-    special = [0.0, -0.0, np.nan, np.inf, -np.inf, 1e30, -1e30, 1e-40, np.pi, np.pi / 2, *table.theta]
-    theta = np.concatenate([rng.uniform(-1, 4.2, 100_000), special]).astype(np.float32)
-    run = subprocess.run([str(tmp_path / "main")], input=theta.tobytes(), capture_output=True, check=True)
-    eta, lam = np.frombuffer(run.stdout, np.float32).reshape(-1, 2).T
-    expected = table.eta_numpy(theta)
-    ulp = np.abs(eta.view(np.int32).astype(np.int64) - expected.view(np.int32))
-    assert ulp.max() <= 4
-    inside = (theta >= 0) & (theta <= np.float32(np.pi / 2)) & (expected < 1)
-    exact = table.warp(FRUSTUM, theta[inside].astype(float)).lam
-    # mu next to theta = phi and 1 - eta next to no warp cost digits in single precision
-    error = np.abs(lam[inside] / exact - 1)
-    assert (error < 1e-5 + 2e-7 / (1 - expected[inside])).all()
-    assert (lam[expected == 1] > 3e38).all()
 
 
 def test_bad_builds_are_refused():

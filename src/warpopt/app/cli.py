@@ -39,6 +39,33 @@ class Scene:
 
 
 @dataclasses.dataclass(frozen=True)
+class Table:
+    """Build a table of the optimal warp over theta that keeps a promise, for `export`.
+
+    Any key can be overridden after it, as for `run`. `warpopt schema --of table` lists the keys.
+    """
+
+    config: tyro.conf.Positional[Path]
+    """TOML file, for example configs/table.toml."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Export:
+    """Source code for engines, from a table or of the closed form."""
+
+    table: tyro.conf.Positional[str]
+    """A table (.npz, .csv, .json), or `closed-form`: the exact L-inf optimum of any view frustum, no table."""
+    to: str
+    """Which, separated by commas: c, cpp, glsl, hlsl, wgsl; of a table also csv, json, npz."""
+    directory: Path = Path(".")
+    """Where the files go, named as the table."""
+    metric: str | None = None
+    """Of the closed form: p (if not given), q or pxq."""
+    prefix: str = "warpopt"
+    """What the names in code begin with; for several tables in one program."""
+
+
+@dataclasses.dataclass(frozen=True)
 class _OneProblem:
     near: float
     """Distance of the near plane."""
@@ -72,7 +99,7 @@ class Rules(_OneProblem):
 class Schema:
     """A configuration's JSON schema."""
 
-    of: Literal["run", "scene"] = "run"
+    of: Literal["run", "scene", "table"] = "run"
     """The command that reads the configuration."""
 
 
@@ -81,6 +108,8 @@ def main(arguments: list[str] | None = None) -> None:
     command, rest = tyro.cli(
         Annotated[Run, tyro.conf.subcommand("run")]
         | Annotated[Scene, tyro.conf.subcommand("scene")]
+        | Annotated[Table, tyro.conf.subcommand("table")]
+        | Annotated[Export, tyro.conf.subcommand("export")]
         | Annotated[Solve, tyro.conf.subcommand("solve")]
         | Annotated[Rules, tyro.conf.subcommand("rules")]
         | Annotated[Schema, tyro.conf.subcommand("schema")],
@@ -94,7 +123,7 @@ def main(arguments: list[str] | None = None) -> None:
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        if rest and not isinstance(command, Run | Scene):
+        if rest and not isinstance(command, Run | Scene | Table):
             raise ConfigError(f"unknown argument(s): {' '.join(rest)}")
         _dispatch(command, rest)
     except ConfigError as error:
@@ -111,14 +140,25 @@ def main(arguments: list[str] | None = None) -> None:
         raise SystemExit(130) from None
 
 
-def _dispatch(command: Run | Scene | Solve | Rules | Schema, rest: list[str]) -> None:
+def _dispatch(command: Run | Scene | Table | Export | Solve | Rules | Schema, rest: list[str]) -> None:
     if isinstance(command, Schema):
         import json
 
         from .scene_config import SceneConfig
+        from .table_config import TableConfig
 
-        model = SceneConfig if command.of == "scene" else RunConfig
+        model = {"run": RunConfig, "scene": SceneConfig, "table": TableConfig}[command.of]
         print(json.dumps(model.model_json_schema(), indent=2))
+    elif isinstance(command, Table):
+        raise SystemExit(_table(command.config, rest))
+    elif isinstance(command, Export):
+        from .export_config import ExportRequest
+
+        request = ExportRequest.of(command.table, command.to, command.directory, command.metric, command.prefix)
+        prepare_jax()
+        from .export import export
+
+        raise SystemExit(export(request))
     elif isinstance(command, Scene):
         raise SystemExit(_scene(command.config, rest))
     elif isinstance(command, Run):
@@ -180,6 +220,18 @@ def _scene(path: Path, overrides: list[str]) -> int:
     from .scene import run_scene
 
     return run_scene(config, scene)
+
+
+def _table(path: Path, overrides: list[str]) -> int:
+    from .table_config import TableConfig
+    from .writing import check_files_replaceable
+
+    config = read_config(path, overrides, TableConfig)
+    check_files_replaceable([config.output.file])
+    prepare_jax()
+    from .table import run_table
+
+    return run_table(config)
 
 
 def prepare_jax(devices: int | None = None) -> None:

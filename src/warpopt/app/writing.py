@@ -1,11 +1,11 @@
-"""Folders of results that appear whole or not at all."""
+"""Folders and files of results that appear whole or not at all."""
 
 import contextlib
 import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from .config import ConfigError
@@ -75,3 +75,55 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+def check_files_replaceable(paths: Iterable[Path]) -> None:
+    """Refuse, before any work, to replace what warpopt did not write.
+
+    Raises:
+        ConfigError: a target is a folder, or a file whose beginning does not name warpopt.
+    """
+    for path in paths:
+        if path.is_dir():
+            raise ConfigError(f"{path}: got a folder, expected a file or a new name")
+        if path.exists():
+            with path.open("rb") as file:
+                head = file.read(4096).replace(b"\0", b"")  # npz keeps text as UTF-32
+            if b"warpopt" not in head:
+                raise ConfigError(f"{path}: got a file that warpopt did not write, expected its own or a new name")
+
+
+def whole_files(contents: Mapping[Path, bytes]) -> None:
+    """Write several files, all or none: each beside its place first, then moved there; a failure puts all back.
+
+    Raises:
+        ConfigError: as `check_files_replaceable`, or a folder cannot be made.
+        OSError: a file cannot be written; all are then as they were.
+    """
+    check_files_replaceable(contents)
+    for folder in {path.parent for path in contents}:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError(f"{folder}: cannot be made: {error.strerror}") from None
+    with contextlib.ExitStack() as stack:
+        staged = []
+        for path, content in contents.items():
+            target = path.resolve()  # through links, so that what they point to is replaced
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix=".warpopt.", dir=target.parent)))
+            (folder / "new").write_bytes(content)
+            staged.append((target, folder / "new", folder / "old"))
+        moved = []
+        try:
+            for target, new, old in staged:
+                if target.exists():
+                    shutil.copy2(target, old)
+                moved.append((target, old))
+                new.replace(target)
+        except BaseException:
+            for target, old in moved:
+                if old.exists():
+                    old.replace(target)
+                else:
+                    target.unlink(missing_ok=True)
+            raise

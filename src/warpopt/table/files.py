@@ -30,10 +30,7 @@ def save(table: LambdaTable, path: str | Path) -> None:
         OSError: the file cannot be written; an earlier one is then as it was.
     """
     path = Path(path)
-    make = {".npz": _npz, ".csv": _csv, ".json": _json}.get(path.suffix)
-    if make is None:
-        raise ValueError(f"path: got {path.name!r}, expected an ending of .npz, .csv or .json")
-    content = make(table)
+    content = encoded(table, path)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as file:
@@ -42,6 +39,18 @@ def save(table: LambdaTable, path: str | Path) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def encoded(table: LambdaTable, path: str | Path) -> bytes:
+    """What `save` writes to the path.
+
+    Raises:
+        ValueError: an ending other than .npz, .csv and .json.
+    """
+    make = {".npz": _npz, ".csv": _csv, ".json": _json}.get(Path(path).suffix)
+    if make is None:
+        raise ValueError(f"path: got {Path(path).name!r}, expected an ending of .npz, .csv or .json")
+    return make(table)
 
 
 def load(path: str | Path) -> LambdaTable:

@@ -1,0 +1,117 @@
+"""How each language spells the neutral form that `program` describes."""
+
+import dataclasses
+import re
+from collections.abc import Callable
+
+
+@dataclasses.dataclass(frozen=True)
+class Language:
+    """What differs from language to language; all else is shared.
+
+    Attributes:
+        name, suffix: for people and for files.
+        before, after: (prefix in capitals) to what stands around the whole.
+        array: (name, number texts) to a constant array.
+        constant: (name, "int" or "float", text) to a named constant.
+        function: (name, parameters, unused parameters) to all of a function before its body.
+        literal: the ending of a number in single precision.
+        math: a mathematical function's name to its spelling.
+        declare: ("int" or "float", name) to a local variable's declaration.
+    """
+
+    name: str
+    suffix: str
+    before: Callable[[str], str]
+    after: Callable[[str], str]
+    array: Callable[[str, list[str]], str]
+    constant: Callable[[str, str, str], str]
+    function: Callable[[str, tuple[str, ...], list[str]], str]
+    literal: str = ""
+    math: Callable[[str], str] = lambda name: name
+    declare: Callable[[str, str], str] = lambda kind, name: f"{kind} {name}"
+
+    def body(self, text: str, prefix: str) -> str:
+        """A function's body from the neutral form, indented."""
+        text = spelt_names(text.strip("\n"), prefix)
+        text = re.sub(r"\b(exp|log|sqrt|abs|sin|cos|tan)\(", lambda m: f"{self.math(m[1])}(", text)
+        text = re.sub(r"(\d)f\b", rf"\g<1>{self.literal}", text)
+        text = re.sub(r"\b(float|int) (\w+)(?= =)", lambda m: self.declare(m[1], m[2]), text)
+        return "".join(f"    {line}\n" for line in text.split("\n"))
+
+
+def spelt_names(text: str, prefix: str) -> str:
+    """$eta as prefix_eta, $KNOTS as PREFIX_KNOTS."""
+    return re.sub(r"\$(\w+)", lambda m: f"{prefix.upper() if m[1].isupper() else prefix}_{m[1]}", text)
+
+
+def _lines(values: list[str]) -> str:
+    return ",\n    ".join(", ".join(values[i : i + 6]) for i in range(0, len(values), 6))
+
+
+def _braces(lead: str) -> Callable[[str, list[str]], str]:
+    return lambda name, values: f"{lead} {name}[{len(values)}] = {{\n    {_lines(values)}\n}};\n"
+
+
+def _floats(parameters: tuple[str, ...]) -> str:
+    return ", ".join(f"float {name}" for name in parameters)
+
+
+def _plain_function(name: str, parameters: tuple[str, ...], unused: list[str]) -> str:
+    return f"float {name}({_floats(parameters)}) {{\n"
+
+
+def _c_function(name: str, parameters: tuple[str, ...], unused: list[str]) -> str:
+    # C99 has no attribute for this, and engines compile with -Wunused-parameter.
+    used = "".join(f"    (void){parameter};\n" for parameter in unused)
+    return f"static inline float {name}({_floats(parameters)}) {{\n{used}"
+
+
+def _cpp_function(name: str, parameters: tuple[str, ...], unused: list[str]) -> str:
+    words = ", ".join(f"{'[[maybe_unused]] ' * (p in unused)}float {p}" for p in parameters)
+    return f"inline float {name}({words}) noexcept {{\n"
+
+
+def _wgsl_function(name: str, parameters: tuple[str, ...], unused: list[str]) -> str:
+    return f"fn {name}({', '.join(f'{p}: f32' for p in parameters)}) -> f32 {{\n"
+
+
+_WGSL_TYPE = {"float": "f32", "int": "i32"}
+
+C = Language(
+    "C99", ".h",
+    lambda prefix: f"#ifndef {prefix}_H\n#define {prefix}_H\n\n#include <math.h>\n", lambda prefix: "\n#endif\n",
+    _braces("static const float"), lambda name, kind, value: f"#define {name} {value}", _c_function, "f",
+    lambda name: {"abs": "fabsf"}.get(name, f"{name}f"),
+)  # fmt: skip
+CPP = Language(
+    "C++17", ".hpp",
+    lambda prefix: f"#ifndef {prefix}_HPP\n#define {prefix}_HPP\n\n#include <cmath>\n", lambda prefix: "\n#endif\n",
+    _braces("inline constexpr float"),
+    lambda name, kind, value: f"inline constexpr {kind} {name} = {value};", _cpp_function, "f",
+    lambda name: f"std::{'fabs' if name == 'abs' else name}",
+)  # fmt: skip
+
+
+def _glsl(version: int) -> Language:
+    return Language(
+        f"GLSL {version}", f".{version}.glsl", lambda prefix: f"// For #version {version} and later.\n", lambda _: "",
+        lambda name, values: f"const float {name}[{len(values)}] = float[](\n    {_lines(values)}\n);\n",
+        lambda name, kind, value: f"const {kind} {name} = {value};", _plain_function,
+    )  # fmt: skip
+
+
+GLSL_330, GLSL_450 = _glsl(330), _glsl(450)
+HLSL = Language(
+    "HLSL", ".hlsl", lambda _: "", lambda _: "", _braces("static const float"),
+    lambda name, kind, value: f"static const {kind} {name} = {value};", _plain_function,
+)  # fmt: skip
+WGSL = Language(
+    "WGSL", ".wgsl", lambda _: "", lambda _: "",
+    # Not `const`: compilers older than 2024-09 index no constant by a variable (gfx-rs/wgpu, pull request 6188).
+    lambda name, values: f"var<private> {name} = array<f32, {len(values)}>(\n    {_lines(values)}\n);\n",
+    lambda name, kind, value: f"const {name}: {_WGSL_TYPE[kind]} = {value};", _wgsl_function,
+    declare=lambda kind, name: f"var {name}: {_WGSL_TYPE[kind]}",
+)  # fmt: skip
+
+LANGUAGES = {"c": (C,), "cpp": (CPP,), "glsl": (GLSL_330, GLSL_450), "hlsl": (HLSL,), "wgsl": (WGSL,)}

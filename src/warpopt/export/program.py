@@ -1,0 +1,132 @@
+"""Code for engines in a neutral form, and its text in any of the languages.
+
+The neutral form is C's expressions and statements, kept to what C, C++, GLSL, HLSL and WGSL share: no ternary, no
+assignment to a parameter, braces everywhere, locals declared as `float x = ...;` or `int i = ...;`, literals with f,
+`exp log sqrt abs sin cos tan`, and `$name` for a name that the file defines.
+"""
+
+import dataclasses
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from .languages import Language, spelt_names
+
+NO_WARP = 3.4e38  # for lambda = inf: shading languages leave infinities undefined
+ETA_NOTE = "eta in (0, 1] of the angle theta (radians) between light and view; 1: no warp."
+LAMBDA_NOTE = "lambda, the warp's near-plane distance, in units of z_near; 3.4e38: no warp."
+
+
+@dataclasses.dataclass(frozen=True)
+class Function:
+    """A function of floats.
+
+    Attributes:
+        name: without the prefix.
+        note: one line for its user.
+        parameters: names, all float.
+        body: neutral form.
+    """
+
+    name: str
+    note: str
+    parameters: tuple[str, ...]
+    body: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Program:
+    """A file in the making.
+
+    Attributes:
+        notes: comment lines at its head.
+        constants: int or float; arrays: of floats; names without the prefix, in capitals.
+        functions: each may call those before it.
+    """
+
+    notes: Sequence[str]
+    constants: Mapping[str, int | float]
+    arrays: Mapping[str, np.ndarray]
+    functions: Sequence[Function]
+
+
+# Of every file, after what it is.
+HOW_TO = (
+    "",
+    "To warp: d in [0, mu] is the depth along the view made perpendicular to the light, x lies across it.",
+    "With delta = d/mu and A = (1 - delta) eta + delta the shadow map has s = delta/A and t = 1/2 + x/(2 xmax A),",
+    "xmax the largest |x|/A of the frustum's corners. As a matrix: w = A, row s = delta, row t = x/(2 xmax) + A/2.",
+    "Or: a perspective frustum along that direction whose apex lies lambda = mu eta/(1 - eta) before the body and",
+    "that reaches from lambda to lambda + mu.",
+    "",
+)
+
+
+def checked_prefix(prefix: str) -> str:
+    """The prefix, if names in every language can begin with it.
+
+    Raises:
+        ValueError: what does not begin with a lower-case letter, or holds more than lower-case letters, digits and
+            single underscores between them (GLSL keeps double ones for itself).
+
+    Example:
+        >>> checked_prefix("sun_p")
+        'sun_p'
+    """
+    if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", prefix) or prefix.startswith("gl_"):
+        raise ValueError(
+            f"prefix: got {prefix!r}, expected lower-case letters, digits and single underscores, such as 'sun_p'"
+        )
+    return prefix
+
+
+def text_of(program: Program, language: Language, prefix: str = "warpopt") -> str:
+    """The whole file; byte for byte the same for the same program.
+
+    Args:
+        prefix: of all names that the file defines, in capitals for constants and the include guard.
+
+    Raises:
+        ValueError: a prefix that is no name (see `checked_prefix`).
+
+    Example:
+        >>> from warpopt.export.languages import WGSL
+        >>> double = Function("double", "2 x.", ("x",), "return 2.0f * x;")
+        >>> print(text_of(Program(["Made."], {}, {}, [double]), WGSL).split("Made.")[1].strip())
+        // 2 x.
+        fn warpopt_double(x: f32) -> f32 {
+            return 2.0 * x;
+        }
+    """
+    capitals = checked_prefix(prefix).upper()
+    comment = "\n".join(f"// {line}".rstrip() for line in program.notes)
+    constants = []
+    for name, value in program.constants.items():
+        kind = "int" if isinstance(value, int) else "float"
+        text = str(value) if kind == "int" else single(value) + language.literal
+        constants.append(language.constant(f"{capitals}_{name}", kind, text))
+    arrays = [
+        language.array(f"{capitals}_{name}", [single(v) + language.literal for v in values])
+        for name, values in program.arrays.items()
+    ]
+    functions = [_function(function, language, prefix) for function in program.functions]
+    parts = [comment, language.before(capitals), *constants, "", *arrays, *functions]
+    return "\n".join(parts).rstrip("\n") + "\n" + language.after(capitals)
+
+
+def _function(function: Function, language: Language, prefix: str) -> str:
+    unused = [name for name in function.parameters if not re.search(rf"\b{name}\b", function.body)]
+    head = language.function(f"{prefix}_{function.name}", function.parameters, unused)
+    return f"// {spelt_names(function.note, prefix)}\n{head}{language.body(function.body, prefix)}}}\n"
+
+
+def single(value: float) -> str:
+    """The shortest text that is this number in single precision, with a point.
+
+    Example:
+        >>> single(0.1), single(1.0), single(1e-30)
+        ('0.1', '1.0', '1e-30')
+    """
+    text = str(np.float32(value))
+    return text if "." in text or "e" in text else text + ".0"

@@ -1,0 +1,192 @@
+"""Exported code, compiled and run: the look-up of a table, and the closed form."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+from shaders import run_compiled, run_glsl, run_wgsl, validate
+
+import warpopt
+from warpopt.export.closed_form import closed_form_source
+from warpopt.export.languages import CPP, GLSL_330, GLSL_450, HLSL, LANGUAGES, WGSL, C
+from warpopt.export.lookup import source
+from warpopt.export.program import checked_prefix
+
+FRUSTUM = warpopt.ViewFrustum(1.0, 100.0, np.pi / 6)
+EPS = float(np.finfo(np.float32).eps)
+SPECIAL = (0.0, -0.0, np.nan, np.inf, -np.inf, 1e30, -1e30, 1e-40, -1.0, np.pi, 4.0, np.pi / 2)
+
+
+@pytest.fixture(scope="module")
+def table():
+    return warpopt.build_table(FRUSTUM, max_regret=1e-3)
+
+
+def directions(table, count: int) -> np.ndarray:
+    """(theta, near, far, half_fov) rows: random, beyond the ends, at every knot, and what is no angle."""
+    theta = np.random.default_rng(0).uniform(-1, 4.2, count)
+    theta = np.concatenate([theta, SPECIAL, table.theta, np.nextafter(np.float32(table.theta), np.float32(9))])
+    rows = np.tile(np.float32([0, 1, 100, np.pi / 6]), (len(theta), 1))
+    rows[:, 0] = theta
+    return rows
+
+
+def ulps(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    return np.abs(found.view(np.int32).astype(np.int64) - expected.astype(np.float32).view(np.int32))
+
+
+@pytest.mark.parametrize(("compiler", "language"), [("gcc", C), ("g++", CPP)])
+def test_a_tables_code_is_its_look_up(table, tmp_path, compiler, language):
+    """100,000 inputs with NaN, infinities and what lies outside: within 4 ulp of float32, under the sanitisers."""
+    if language is CPP:  # one whose ends lie within, so that both clamp
+        table = eqx.tree_at(lambda t: (t.theta, t.log_eta), table, (table.theta[2:8], table.log_eta[2:8]))
+    given = directions(table, 100_000)
+    eta, lam = run_compiled(compiler, language.suffix, source(table, language), given, False, tmp_path).T
+    expected = table.eta_numpy(given[:, 0])
+    assert ulps(eta, expected).max() <= 4
+    inside = (given[:, 0] >= 0) & (given[:, 0] <= np.float32(np.pi / 2)) & (expected < 1)
+    exact = table.warp(FRUSTUM, given[inside, 0].astype(float)).lam
+    # mu's sum, and 1 - eta next to no warp, which costs digits in single precision
+    assert (np.abs(lam[inside] / exact - 1) < 1e-5 + 2 * EPS / (1 - expected[inside])).all()
+    assert (lam[expected == 1] > 3.3e38).all()
+
+
+def frusta(count: int) -> np.ndarray:
+    """Rows for the closed form: f/n to 1e6, all fields of view, and a third next to where it turns."""
+    rng = np.random.default_rng(1)
+    rows = np.empty((count, 4), np.float32)
+    rows[:, 3] = np.radians(rng.uniform(1, 85, count))
+    rows[:, 0] = rng.uniform(0, np.pi, count)
+    near_phi = rng.random(count) < 1 / 3
+    rows[near_phi, 0] = (rows[:, 3] * (1 + rng.normal(size=count) * 10 ** rng.uniform(-8, -1, count)))[near_phi]
+    mirrored = rng.random(count) < 0.3
+    rows[mirrored, 0] = np.float32(np.pi) - rows[mirrored, 0]
+    rows[:, 0] = np.clip(rows[:, 0], 0, np.float32(np.pi))
+    rows[:, 1] = 10 ** rng.uniform(-2, 2, count)
+    rows[:, 2] = rows[:, 1] * (1 + 10 ** rng.uniform(-3, 6, count))
+    return rows
+
+
+def regret(given: np.ndarray, eta: np.ndarray, metric: str) -> np.ndarray:
+    """value/minimum - 1 of the eta found, in double precision."""
+    theta, near, far, phi = given.astype(float).T
+    frustum = warpopt.ViewFrustum(near, far, phi)
+    theta = np.minimum(theta, np.pi)
+    best = warpopt.optimal_warp(frustum, theta, metric, "inf").value
+    warp = warpopt.Warp.from_eta(eta.astype(float), 1.0)
+    return np.asarray(warpopt.error_norm(frustum, theta, warp, metric, "inf") / best - 1)
+
+
+def check_closed_form(given: np.ndarray, eta: np.ndarray, lam: np.ndarray, metric: str, eps: float) -> None:
+    """eta loses next to nothing, and both are the library's in double precision at the same inputs.
+
+    12 eps: some 20 operations, and E changes by at most three times eta's relative error. E_q's eta jumps where the
+    warp sets in, and on which side of the jump a rounded input falls says nothing: there only the regret counts.
+    """
+    assert ((eta > 0) & (eta <= 1)).all()
+    assert regret(given, eta, metric).max() < 12 * eps
+    theta, near, far, phi = given.astype(float).T
+    frustum = warpopt.ViewFrustum(near, far, phi)
+    warp = warpopt.optimal_warp(frustum, np.minimum(theta, np.pi), metric, "inf").warp
+    exact, exact_lam, rest = (np.asarray(v) for v in (warp.eta, warp.lam, warp.one_minus_eta))
+    error = np.abs(eta / exact - 1)
+    jumped = ((eta == 1) != (exact == 1)) if metric == "q" else np.zeros(len(eta), bool)
+    assert jumped.mean() < 0.01
+    assert (error[~jumped] < 12 * eps).all()
+    warped = np.isfinite(exact_lam) & (lam < 3.3e38) & ~jumped
+    # lambda = mu eta/(1 - eta): relative to the small difference that a weak warp is
+    assert (np.abs(lam[warped] / exact_lam[warped] - 1) < 12 * eps / rest[warped]).all()
+    assert (rest[~warped & ~jumped] < 12 * eps).all()
+
+
+@pytest.mark.parametrize("metric", ["p", "q", "pxq"])
+@pytest.mark.parametrize(("compiler", "language"), [("gcc", C), ("g++", CPP)])
+def test_the_closed_forms_code_is_the_optimum(tmp_path, compiler, language, metric):
+    """100,000 frusta and directions, then what is no frustum."""
+    given = frusta(100_000)
+    bad = np.float32([[t, 1, 100, 0.5] for t in (np.nan, np.inf, -np.inf)])
+    bad = np.concatenate([bad, [[1, n, f, p] for n, f, p in _NO_FRUSTA]]).astype(np.float32)
+    far_off = np.float32([[t, 1, 100, 0.5] for t in SPECIAL])
+    rows = np.concatenate([given, far_off, bad])
+    text = closed_form_source(metric, language)
+    found = run_compiled(compiler, language.suffix, text, rows, True, tmp_path)
+    check_closed_form(given, *found[: len(given)].T, metric, EPS)
+    assert ((found[:, 0] > 0) & (found[:, 0] <= 1)).all()
+    assert (found[-len(bad) :] == np.float32([1, 3.4e38])).all()
+
+
+_NO_FRUSTA = (
+    (0, 100, 0.5), (-1, 100, 0.5), (1, 1, 0.5), (2, 1, 0.5), (1, 100, 0), (1, 100, 1.6), (1, 100, -0.5),
+    (np.nan, 100, 0.5), (1, np.nan, 0.5), (1, 100, np.nan), (np.inf, 100, 0.5), (np.inf, np.inf, 0.5),
+)  # fmt: skip
+
+
+SHADERS = {"GLSL 330": GLSL_330, "GLSL 450": GLSL_450, "HLSL": HLSL}
+
+
+@pytest.mark.parametrize("name", SHADERS)
+def test_glslang_accepts_the_shading_languages(table, tmp_path, name):
+    language = SHADERS[name]
+    for code, arguments in (
+        (source(table, language), "x, 1.0, 100.0"), (closed_form_source("p", language), "x, 1.0, 100.0, 0.5"),
+        (closed_form_source("q", language), "x, 1.0, 100.0, 0.5"),
+        (closed_form_source("pxq", language), "x, 1.0, 100.0, 0.5"),
+    ):  # fmt: skip
+        value = f"warpopt_eta({arguments}) + warpopt_lambda({arguments})"
+        if language is HLSL:
+            main = f"float4 main(float x : TEXCOORD0) : SV_Target {{ return {value}; }}"
+            words = ["-D", "-S", "frag", "-e", "main", "-V", "-o", str(tmp_path / "shader.spv")]
+            validate(words, f"{code}\n{main}\n", tmp_path / "shader.hlsl")
+        else:
+            version = name.split()[1]
+            main = f"in float x;\nout float y;\nvoid main() {{ y = {value}; }}"
+            validate(["-S", "frag"], f"#version {version}\n{code}\n{main}\n", tmp_path / "shader.frag")
+
+
+RUNNERS = {
+    "GLSL 330": lambda *given: run_glsl(330, *given),
+    "GLSL 450": lambda *given: run_glsl(450, *given),
+    "WGSL": run_wgsl,
+}
+
+
+@pytest.mark.parametrize("name", RUNNERS)
+def test_shaders_run_as_the_look_up_and_the_optimum(table, name):
+    """On real drivers: the look-up to 1e-5 of Python's, beyond its ends too; the closed form within their freedoms."""
+    language = {"GLSL 330": GLSL_330, "GLSL 450": GLSL_450, "WGSL": WGSL}[name]
+    given = directions(table, 20_000)
+    given = given[np.isfinite(given[:, 0])]  # shading languages define nothing else
+    eta, lam = RUNNERS[name](source(table, language), given, False).T
+    expected = table.eta_numpy(given[:, 0])
+    np.testing.assert_allclose(eta, expected, rtol=1e-5)
+    assert (lam[expected == 1] > 3.3e38).all()
+    rows = frusta(100_000)
+    rows[:, 2] = np.minimum(rows[:, 2], 1000 * rows[:, 1])
+    for metric in ("p", "q", "pxq"):
+        eta, _ = RUNNERS[name](closed_form_source(metric, language), rows, True).T
+        # sin and cos are exact to an absolute 1e-7 only and sums may be reordered, so that the upper plane's slope is
+        # too; f/n times that enters lambda, and its power of up to three the error
+        assert regret(rows, eta, metric).max() < 3 * 1000 * EPS
+
+
+def test_code_is_the_same_for_the_same_table_and_says_where_it_is_from(table):
+    for forms in LANGUAGES.values():
+        for form in forms:
+            text = source(table, form)
+            assert source(table, form) == text
+            head = text.split("To warp")[0]
+            for words in ("E_p, norm inf, measure screen", "far/near = 100", "30 degrees", f"warpopt {table.version}",
+                          f"promised {table.promised:g}, achieved {table.achieved:.6g}"):  # fmt: skip
+                assert words in head
+            assert text.isascii()
+            other = source(table, form, "sun_p")
+            assert "warpopt_" not in other.replace("warpopt {", "")
+            assert "WARPOPT_" not in other
+
+
+def test_prefixes_and_metrics_are_checked(table):
+    for prefix in ("", "1st", "Sun", "a-b", "gl_x", "a__b", "_a"):
+        with pytest.raises(ValueError, match="prefix: got"):
+            source(table, C, prefix)
+    assert checked_prefix("sun2_p") == "sun2_p"
+    with pytest.raises(ValueError, match="metric: got 'max'"):
+        closed_form_source("max", C)
