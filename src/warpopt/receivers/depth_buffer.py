@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .._checks import checked, float_arrays
 from ..theory.camera import Camera
@@ -94,6 +94,15 @@ class DepthBuffer(eqx.Module):
             return footprint.share(d), z / unit, seen.astype(z.dtype)
 
         return with_moments(footprint, (z, up), receivers_of, unit, norm)
+
+
+def eye_points(buffer: DepthBuffer, camera: Camera) -> tuple[Float[Array, "H W 3"], Bool[Array, "H W"]]:
+    """(the pixels' receivers in eye coordinates, whether there is one)."""
+    z = buffer.eye_depth(camera)
+    seen = jnp.isfinite(z)
+    z = jnp.where(seen, z, 1)
+    across, up = _slopes(z, camera)
+    return jnp.stack([z * across, z * up[:, None], z], -1), seen
 
 
 def _slopes(z: Array, camera: Camera) -> tuple[Array, Array]:

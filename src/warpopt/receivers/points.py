@@ -85,11 +85,7 @@ class PointReceivers(eqx.Module):
         if not len(world):  # one point of no weight: empty
             world, weights = jnp.zeros((1, 3), world.dtype), jnp.zeros((1,), world.dtype)
         points = camera.to_eye(world)
-        planes = camera.planes()
-        # On the boundary is seen: a far plane's corner must not be lost to the rounding of its transformation.
-        size = jnp.abs(points).max(1) + jnp.abs(camera.position).max()
-        slack = 64 * jnp.finfo(points.dtype).eps * size[:, None]
-        seen = (weights > 0) & (points @ planes[:, :3].T + planes[:, 3] >= -slack).all(1)
+        seen = (weights > 0) & seen_from(camera, points)
         points = jnp.where(seen[:, None], points, jnp.array([0.0, 0.0, 1.0], points.dtype))
         d, x, z = frame.depth(points), frame.lateral(points), points[:, 2]
         h = frame.along_light(points)
@@ -106,6 +102,15 @@ class PointReceivers(eqx.Module):
         weights = jnp.where(seen, weights, 0)
         rows = tuple(_in_rows(v, fill) for v, fill in ((d, footprint.start), (z, unit), (weights, 0)))
         return with_moments(footprint, rows, lambda row: (footprint.share(row[0]), row[1] / unit, row[2]), unit, norm)
+
+
+def seen_from(camera: Camera, points: Float[Array, "N 3"]) -> Bool[Array, " N"]:
+    """Which points in eye coordinates are in the view frustum."""
+    planes = camera.planes()
+    # On the boundary is seen: a far plane's corner must not be lost to the rounding of its transformation.
+    size = jnp.abs(points).max(1) + jnp.abs(camera.position).max()
+    slack = 64 * jnp.finfo(points.dtype).eps * size[:, None]
+    return (points @ planes[:, :3].T + planes[:, 3] >= -slack).all(1)
 
 
 def _in_rows(values: Array, fill: ArrayLike) -> Array:
