@@ -27,7 +27,7 @@ from ..theory.frustum import ViewFrustum
 from ..theory.light_space import LightSpace, checked_theta
 from .chunks import in_blocks, in_chunks
 
-_NODES = 64  # in the root of rho: rounding for f/n up to 1e6, 1e-12 up to 1e12 (measured against mpmath)
+_NODES = 64  # within 1e-13 of 300 nodes for f/n up to 1e12 and Q from -1 to 10
 
 
 def limit(
