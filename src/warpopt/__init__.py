@@ -18,15 +18,19 @@ _HOME = {
     "ClipSpace": "render.shadow_matrix",
     "shadow_matrix": "render.shadow_matrix",
     "texel_snap": "render.shadow_matrix",
+    "limit": "solve.limit",
     "Solution": "solve.optimal_warp",
     "compare_warps": "solve.optimal_warp",
     "error_norm": "solve.optimal_warp",
     "optimal_warp": "solve.optimal_warp",
     "Outcome": "solve.outcome",
+    "scene_limit": "solve.scene_limit",
     "SceneSolution": "solve.scene_warp",
     "scene_warp": "solve.scene_warp",
     "LambdaTable": "table.lambda_table",
+    "LimitMap": "table.limit_map",
     "build_table": "table.build",
+    "limit_map": "table.limit_map",
     "aliasing_error": "theory.aliasing",
     "aliasing_error_uz": "theory.aliasing",
     "local_aliasing_error": "theory.aliasing",
@@ -52,11 +56,14 @@ if TYPE_CHECKING:
     from .receivers.points import PointReceivers
     from .receivers.view_frustum import WholeFrustum
     from .render.shadow_matrix import ClipSpace, shadow_matrix, texel_snap
+    from .solve.limit import limit
     from .solve.optimal_warp import Solution, compare_warps, error_norm, optimal_warp
     from .solve.outcome import Outcome
+    from .solve.scene_limit import scene_limit
     from .solve.scene_warp import SceneSolution, scene_warp
     from .table.build import build_table
     from .table.lambda_table import LambdaTable
+    from .table.limit_map import LimitMap, limit_map
     from .theory.aliasing import (
         aliasing_error,
         aliasing_error_uz,

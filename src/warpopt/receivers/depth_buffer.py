@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .._checks import checked, float_arrays
 from .._numerics import larger
@@ -154,6 +154,15 @@ _SIGNS = Groups(1, -1, 1, -1, 1, -1, 1, (1, -1))
 def _joined(values: Array, sign: int, which: Array) -> Array:
     """The cells' bounds gathered into bins."""
     return (jax.ops.segment_min if sign > 0 else jax.ops.segment_max)(values, which, BINS)
+
+
+def eye_points(buffer: DepthBuffer, camera: Camera) -> tuple[Float[Array, "H W 3"], Bool[Array, "H W"]]:
+    """(the pixels' receivers in eye coordinates, whether there is one)."""
+    z = buffer.eye_depth(camera)
+    seen = jnp.isfinite(z)
+    z = jnp.where(seen, z, 1)
+    across, up = _slopes(z, camera)
+    return jnp.stack([z * across, z * up[:, None], z], -1), seen
 
 
 def _slopes(depth: Array, camera: Camera) -> tuple[Array, Array]:

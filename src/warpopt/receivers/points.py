@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .._checks import checked, float_arrays
 from ..theory.camera import Camera
@@ -56,11 +56,7 @@ class PointReceivers(eqx.Module):
         if not len(world):  # one point of no weight: empty
             world, weights = jnp.zeros((1, 3), world.dtype), jnp.zeros((1,), world.dtype)
         points = camera.to_eye(world)
-        planes = camera.planes()
-        # On the boundary is seen: a far plane's corner must not be lost to the rounding of its transformation.
-        size = jnp.abs(points).max(1) + jnp.abs(camera.position).max()
-        slack = 64 * jnp.finfo(points.dtype).eps * size[:, None]
-        seen = (weights > 0) & (points @ planes[:, :3].T + planes[:, 3] >= -slack).all(1)
+        seen = (weights > 0) & seen_from(camera, points)
         points = jnp.where(seen[:, None], points, jnp.array([0.0, 0.0, 1.0], points.dtype))
         d, x, z = frame.depth(points), frame.lateral(points), points[:, 2]
         h = frame.along_light(points)
@@ -77,6 +73,15 @@ class PointReceivers(eqx.Module):
         weights = jnp.where(seen, weights, 0)
         rows = tuple(_in_rows(v, fill) for v, fill in ((d, footprint.start), (z, unit), (weights, 0)))
         return with_moments(footprint, rows, lambda row: (row[0], unit / row[1], row[2]), unit, norm)
+
+
+def seen_from(camera: Camera, points: Float[Array, "N 3"]) -> Bool[Array, " N"]:
+    """Which points in eye coordinates are in the view frustum."""
+    planes = camera.planes()
+    # On the boundary is seen: a far plane's corner must not be lost to the rounding of its transformation.
+    size = jnp.abs(points).max(1) + jnp.abs(camera.position).max()
+    slack = 64 * jnp.finfo(points.dtype).eps * size[:, None]
+    return (points @ planes[:, :3].T + planes[:, 3] >= -slack).all(1)
 
 
 def _in_rows(values: Array, fill: ArrayLike) -> Array:

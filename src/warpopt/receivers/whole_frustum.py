@@ -151,12 +151,12 @@ def _balanced(raw: list[Array], sigma: Array, centre: int, x: Array, L: Array, n
     for j in range(1, M + 1):  # one factor at a time: inverse^M alone may overflow
         balanced[j:] = [value * inverse for value in balanced[j:]]
     # The roots of the factors, not of their product, which may lie below float32's normal numbers.
-    factors = first * power(sigma, -centre), power(1 + x, min(1, Q)), _mass(norm.volume_exponent, x, L)
+    factors = first * power(sigma, -centre), power(1 + x, min(1, Q)), measure_mass(norm.volume_exponent, x, L)
     top, bottom, mass = (power(factor, 1 / P) for factor in factors)
     return Moments(tuple(balanced), sigma / inverse, top / bottom / mass)
 
 
-def _mass(exponent: float, x: Array, L: Array) -> Array:
+def measure_mass(exponent: float, x: Array, L: Array) -> Array:
     """integral over t in [0, 1] of (1 + x t)^-q0, the measure's mass in the units of `depth_integrals`."""
     growth = 1 - exponent
     if not growth:

@@ -29,8 +29,13 @@ def save(table: LambdaTable, path: str | Path) -> None:
         ValueError: another ending.
         OSError: the file cannot be written; an earlier one is then as it was.
     """
+    write_table(path, _fields(table), {"theta": table.theta, "log_eta": table.log_eta})
+
+
+def write_table(path: str | Path, fields: dict, knots: dict[str, np.ndarray]) -> None:
+    """Write scalars and columns of equal length as .npz, .csv or .json, by the path's ending; raises as `save`."""
     path = Path(path)
-    content = encoded(table, path)
+    content = _encoded(fields, knots, path)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as file:
@@ -47,10 +52,14 @@ def encoded(table: LambdaTable, path: str | Path) -> bytes:
     Raises:
         ValueError: an ending other than .npz, .csv and .json.
     """
-    make = {".npz": _npz, ".csv": _csv, ".json": _json}.get(Path(path).suffix)
+    return _encoded(_fields(table), {"theta": table.theta, "log_eta": table.log_eta}, Path(path))
+
+
+def _encoded(fields: dict, knots: dict[str, np.ndarray], path: Path) -> bytes:
+    make = {".npz": _npz, ".csv": _csv, ".json": _json}.get(path.suffix)
     if make is None:
-        raise ValueError(f"path: got {Path(path).name!r}, expected an ending of .npz, .csv or .json")
-    return make(table)
+        raise ValueError(f"path: got {path.name!r}, expected an ending of .npz, .csv or .json")
+    return make(fields, knots)
 
 
 def load(path: str | Path) -> LambdaTable:
@@ -78,29 +87,30 @@ def _fields(table: LambdaTable) -> dict:
     return {"format": FORMAT} | {name: getattr(table, name) for name in (*_TEXT, *_NUMBERS)}
 
 
-def _npz(table: LambdaTable) -> bytes:
+def _npz(fields: dict, knots: dict[str, np.ndarray]) -> bytes:
     # numpy.savez stamps the time; the archive is made by hand so that equal tables are equal files.
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
-        for name, value in {**_fields(table), "theta": table.theta, "log_eta": table.log_eta}.items():
+        for name, value in {**fields, **knots}.items():
             array = io.BytesIO()
             np.lib.format.write_array(array, np.asarray(value), allow_pickle=False)
             archive.writestr(zipfile.ZipInfo(f"{name}.npy"), array.getvalue())
     return buffer.getvalue()
 
 
-def _json(table: LambdaTable) -> bytes:
-    knots = {"theta": list(map(float, table.theta)), "log_eta": list(map(float, table.log_eta))}
-    return (json.dumps({**_fields(table), **knots}, indent=1, allow_nan=False) + "\n").encode()
+def _json(fields: dict, knots: dict[str, np.ndarray]) -> bytes:
+    columns = {name: list(map(float, column)) for name, column in knots.items()}
+    return (json.dumps({**fields, **columns}, indent=1, allow_nan=False) + "\n").encode()
 
 
-def _csv(table: LambdaTable) -> bytes:
+def _csv(fields: dict, knots: dict[str, np.ndarray]) -> bytes:
     out = io.StringIO(newline="")
     writer = csv.writer(out)
-    writer.writerows((f"# {name}", value) for name, value in _fields(table).items())
-    writer.writerow(["# knots", len(table.theta)])
-    writer.writerow(["theta", "log_eta"])
-    writer.writerows((repr(float(a)), repr(float(b))) for a, b in zip(table.theta, table.log_eta, strict=True))
+    writer.writerows((f"# {name}", value) for name, value in fields.items())
+    columns = list(knots.values())
+    writer.writerow(["# knots", len(columns[0])])
+    writer.writerow(list(knots))
+    writer.writerows(map(repr, map(float, row)) for row in zip(*columns, strict=True))
     return out.getvalue().encode()
 
 

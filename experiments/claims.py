@@ -1,0 +1,45 @@
+"""What the sources claim, checked: each statement one row, with its verdict, the number behind it and the inputs.
+
+    JAX_ENABLE_X64=1 python experiments/claims.py [--page docs/claims.md]
+
+Errors are evaluated from raw geometry in NumPy (`claim_checks.Geometry`), rules and optima by the package. A verdict is
+computed from its numbers; the words of a row never decide it.
+"""
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+import claims_of_at09
+import claims_of_others
+import claims_of_rules
+from claim_checks import CONDITION, CONTRADICTED, REPRODUCED, Claim
+from provenance import write_section
+
+
+def claims() -> Iterator[Claim]:
+    return (check() for check in (*claims_of_at09.CHECKS, *claims_of_rules.CHECKS, *claims_of_others.CHECKS))
+
+
+def table(rows: list[Claim]) -> str:
+    count = {v: sum(r.verdict == v for r in rows) for v in (REPRODUCED, CONDITION, CONTRADICTED)}
+    lines = [f"{len(rows)} statements: {', '.join(f'{n} {v}' for v, n in count.items())}.", ""]
+    lines += ["| where | claim | verdict | number | inputs | why not, or when |", "|---|---|---|---|---|---|"]
+    for r in rows:
+        why = "" if r.verdict == REPRODUCED else r.proof
+        lines.append(f"| {r.source} | {r.statement} | **{r.verdict}** | {r.number} | {r.inputs} | {why} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--page", type=Path, help="write the table into this page")
+    arguments = parser.parse_args()
+    text = table(list(claims()))
+    print(text)
+    if arguments.page:
+        write_section(arguments.page, "claims", text)
+
+
+if __name__ == "__main__":
+    main()

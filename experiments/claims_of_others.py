@@ -1,0 +1,152 @@
+"""The claims of WI and SC: log maps, storage factor, and when to warp."""
+
+import math
+
+import numpy as np
+from claim_checks import DEGREE, EXACT, FAR, NEAR, PAPER, PHI, Claim, Geometry, lam_of, optimum, relative, verdict
+
+import warpopt
+from warpopt import rules
+
+
+def n_opt() -> Claim:
+    best = float(optimum("p", [math.pi / 2]).warp.lam[0])
+    return Claim(
+        "n_opt",
+        "WI, LiSPSM optimal choice",
+        "n_opt = z_n + sqrt(z_f z_n)",
+        verdict(abs(best / 11 - 1) < EXACT),
+        f"the optimum of E_p over V is at {best:.6f}",
+        "theta = 90 deg",
+    )
+
+
+def logarithm() -> Claim:
+    z = np.geomspace(1, 100, 50)
+    e_p = (FAR - NEAR) / (z * math.tan(PHI)) / ((FAR - NEAR) / (z * math.log(FAR / NEAR)))
+    least = float(warpopt.limit(PAPER, math.pi / 2))
+    spread, gap = relative(e_p, e_p[0]), abs(float(e_p[0]) / least - 1)
+    gain = float(optimum("p", [math.pi / 2]).value[0]) / least
+    return Claim(
+        "logarithm",
+        "WI, error analysis",
+        "s ~ log z makes dp/ds constant, and is the best map",
+        verdict(max(spread, gap) < EXACT),
+        f"E_p = {e_p[0]:.3f}, the limit; the best warp's is {gain:.2f} times it",
+        "theta = 90 deg",
+    )
+
+
+def _storage(degrees: float) -> float:
+    """Spread of max E_p max E_q over lambda from PSM's to the optimum's."""
+    g = Geometry(degrees * DEGREE)
+    best = float(optimum("p", [degrees * DEGREE]).warp.lam[0])
+    values = [g.worst("p", lam) * g.worst("q", lam) for lam in np.geomspace(NEAR * g.a, best, 9)]
+    return max(values) / min(values) - 1
+
+
+def storage_factor() -> Claim:
+    spread = {d: _storage(d) for d in (90, 60, 45)}
+    constant = {d: v < EXACT for d, v in spread.items()}
+    return Claim(
+        "storage",
+        "WI, error comparison",
+        "the storage factor is constant for n between z_n and n_opt",
+        verdict(all(constant.values()), constant[90]),
+        ", ".join(f"it varies by {100 * v:.2g} % at {d}" for d, v in spread.items()),
+        "max E_p max E_q over V, lambda from n a to the optimum",
+        "overhead, max E_p = E_p(f) ~ (lambda + mu) / lambda and max E_q = E_q(n) ~ its inverse; elsewhere z_w of "
+        "the lower near corner is not lambda",
+    )
+
+
+def best_when_perpendicular() -> Claim:
+    degrees = np.array([90, 75, 60, 45, 30, 20, 10, 5])
+    gains = {}
+    for metric in ("p", "pxq"):
+        best = np.asarray(optimum(metric, degrees * DEGREE).value)
+        gains[metric] = np.array([Geometry(d * DEGREE).worst(metric, math.inf) for d in degrees]) / best
+    largest = {metric: int(degrees[v.argmax()]) for metric, v in gains.items()}
+    return Claim(
+        "perpendicular",
+        "SC 4.4",
+        "a warp gains most when view and light are perpendicular",
+        verdict(set(largest.values()) == {90}),
+        ", ".join(f"E_{m}: {v[0]:.3g} at 90, {v[4]:.3g} at 30" for m, v in gains.items()),
+        "no warp over the optimum, L-inf over V",
+    )
+
+
+def no_perspective_aliasing_when_parallel() -> Claim:
+    z = np.array([NEAR, FAR])
+    values = Geometry(0.0).error("p", math.inf, 0.0, z)
+    best_map = float(values[0] / warpopt.limit(PAPER, 0.0))
+    return Claim(
+        "parallel",
+        "SC 4.4",
+        "for parallel light and view no perspective aliasing is present",
+        verdict(values[0] / values[1] < 1.1),
+        f"E_p at the near plane is {values[0] / values[1]:.0f} times that at the far plane",
+        "theta = 0, no warp",
+        "E_p = mu / (z tan(phi)): the foreshortening remains. No perspective warp mends it, with the near plane in the "
+        f"middle of the map; the best monotone map would, {best_map:.1f} times",
+    )
+
+
+def strength_falls_with_the_angle() -> Claim:
+    degrees = np.array([90, 75, 60, 45, 30, 15, 5, 2.0])
+    lispsm = np.array([lam_of(rules.lispsm, d * DEGREE) for d in degrees])
+    best = np.asarray(optimum("p", degrees * DEGREE).warp.lam_over_mu)
+    falls, best_falls = bool((np.diff(lispsm) > 0).all()), bool((np.diff(best) > 0).all())
+    below = bool((np.diff(best[degrees <= 30]) > 0).all())
+    return Claim(
+        "strength",
+        "SC 4.4",
+        "the warp should weaken as the angle decreases, as sin(gamma) makes LiSPSM's do",
+        verdict(falls and best_falls, falls and below),
+        f"optimal lambda / mu: {best[0]:.3f} at 90, {best[4]:.3f} at 30, {best[5]:.3f} at 15, {best[6]:.3g} at 5",
+        "E_p, L-inf over V",
+        "for theta <= phi; above it the optimal warp strengthens slightly as the angle decreases: lambda = b sqrt(n "
+        "f) + n a",
+    )
+
+
+def scherzers_apex() -> Claim:
+    degrees, deep = np.array([90, 60, 30, 15, 5.0]), warpopt.ViewFrustum(1.0, 1000.0, PHI)
+    defined = np.asarray(rules.scherzer(deep, degrees * DEGREE).defined)
+    return Claim(
+        "apex",
+        "SC (1)-(3)",
+        "n_opt with the apex n_opt - z_n before the eye gives a warp",
+        verdict(bool(defined.all()), bool(defined[:3].all())),
+        f"none at {', '.join(f'{d:g}' for d in degrees[~defined])} deg",
+        "f = 1000, theta = 90, 60, 30, 15, 5 deg",
+        "for theta >= phi always; below, V reaches f (tan(phi) cos - sin) behind the eye along Z_w, which n_opt does "
+        "not know",
+    )
+
+
+def smaller_extent() -> Claim:
+    extents = np.array([99.0, 50.0, 10.0])
+    n_opts = (NEAR + np.sqrt(NEAR * (NEAR + extents))) / math.sin(1.0)
+    near = [Geometry(1.0).error("p", lam, 0.0, NEAR) for lam in n_opts]
+    return Claim(
+        "extent",
+        "SC 4.4",
+        "a smaller depth extent in n_opt gives near objects more of the map",
+        verdict(bool((np.diff(near) < 0).all())),
+        f"E_p at the near plane {near[0]:.1f}, {near[1]:.1f}, {near[2]:.1f}",
+        "theta = 1; extent 99, 50, 10",
+    )
+
+
+CHECKS = (
+    n_opt,
+    logarithm,
+    storage_factor,
+    best_when_perpendicular,
+    no_perspective_aliasing_when_parallel,
+    strength_falls_with_the_angle,
+    scherzers_apex,
+    smaller_extent,
+)

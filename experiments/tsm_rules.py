@@ -1,0 +1,80 @@
+"""TSM's two rules for theta <= phi: where each has the smaller error, and where it gives no warp.
+
+JAX_ENABLE_X64=1 python experiments/tsm_rules.py [--page docs/corrections.md]
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from provenance import write_section
+
+import warpopt
+
+METRICS = ("p", "pxq")
+VIEWS = ((10.0, 30.0), (100.0, 30.0), (1000.0, 30.0), (100.0, 20.0), (100.0, 45.0))  # f/n, phi in degrees
+
+
+def compare(ratio: float, phi_deg: float, kappa: float = 0.5, xi: float = 0.8, count: int = 2001) -> dict:
+    """What each rule gives over 0 < theta <= phi, in degrees: ranges of no warp, and where each is the better."""
+    frustum = warpopt.ViewFrustum(1.0, ratio, np.deg2rad(phi_deg))
+    degrees = np.linspace(0, phi_deg, count)
+    theta = np.minimum(np.deg2rad(degrees), np.deg2rad(phi_deg))
+    warps = {"tsm": warpopt.rules.tsm(frustum, theta, kappa, xi)}
+    warps["alternative"] = warpopt.rules.tsm_alternative(frustum, theta, kappa)
+    row = {"f/n": ratio, "phi": phi_deg}
+    for name, warp in warps.items():
+        row[f"{name}: no warp"] = ranges(degrees, np.asarray(warp.no_warp))
+        row[f"{name}: undefined"] = ranges(degrees, ~np.asarray(warp.defined))
+    for metric in METRICS:
+        best = np.asarray(warpopt.optimal_warp(frustum, theta, metric).value)
+        of = {name: np.asarray(warpopt.error_norm(frustum, theta, warp, metric)) / best for name, warp in warps.items()}
+        none = np.asarray(warpopt.error_norm(frustum, theta, warpopt.rules.ssm(frustum, theta), metric)) / best
+        row[metric] = {
+            "alternative better": ranges(degrees, of["alternative"] < of["tsm"] * (1 - 1e-12)),
+            "tsm better": ranges(degrees, of["tsm"] < of["alternative"] * (1 - 1e-12)),
+            "worst": {name: float(values.max()) for name, values in (of | {"no warp": none}).items()},
+        }
+    return row
+
+
+def ranges(degrees: np.ndarray, holds: np.ndarray) -> list[tuple[float, float]]:
+    """The stretches of the grid on which something holds."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]]).astype(int)))
+    return [(float(degrees[i]), float(degrees[j - 1])) for i, j in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def words(stretches: list[tuple[float, float]]) -> str:
+    return ", ".join(f"{low:.1f} to {high:.1f}" for low, high in stretches) or "nowhere"
+
+
+def table(rows: list[dict]) -> str:
+    worst = "worst over the optimum's: TSM | alternative | no warp"
+    lines = [f"| f/n | phi | E | alternative: no warp | alternative better | TSM better | {worst} |", "|" + "---|" * 9]
+    for row in rows:
+        for metric in METRICS:
+            one = row[metric]
+            worst = " | ".join(f"{one['worst'][name]:.3g}" for name in ("tsm", "alternative", "no warp"))
+            no_warp = words(row["alternative: no warp"])
+            better = f"{words(one['alternative better'])} | {words(one['tsm better'])}"
+            lines.append(f"| {row['f/n']:g} | {row['phi']:g} | E_{metric} | {no_warp} | {better} | {worst} |")
+    always = all(not row["tsm: no warp"] and not row["tsm: undefined"] for row in rows)
+    lines += ["", "Angles in degrees, L-inf over V. " + (
+        "TSM's first rule warps everywhere here, at theta = 0 too, where no warp is the best." if always
+        else "TSM's first rule has directions without a warp here."
+    )]  # fmt: skip
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--page", type=Path, help="write the table into this page")
+    arguments = parser.parse_args()
+    text = table([compare(*view) for view in VIEWS])
+    print(text)
+    if arguments.page:
+        write_section(arguments.page, "tsm rules", text)
+
+
+if __name__ == "__main__":
+    main()

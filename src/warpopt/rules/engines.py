@@ -1,0 +1,269 @@
+"""The rules for lambda that engines use: functions (frustum, theta, ...) -> Warp, with the whole frustum as the body.
+
+Each as in the source file named, at the commit named, rewritten as mathematics; the defaults are the engine's. A guard
+of the engine's ("uniform") gives no warp; a rule that yields no lambda > 0 gives no warp with `Warp.defined` False.
+Each raises a ValueError for theta outside [0, pi] and for a parameter out of its range. What a re-derivation of each
+found is in docs/corrections.md.
+
+Notation: n, f near and far; g = theta, s = sin(g); d = mu, the body's extent along Z_w; y_min = d0, where it begins.
+Everything is in units of n, so that nothing overflows, and through mu / lambda, which is 0 for no warp.
+"""
+
+import math
+
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+from .._checks import checked
+from .._numerics import larger, smaller
+from ..theory.frustum import ViewFrustum
+from ..theory.light_space import LightSpace, checked_theta
+from ..theory.warp import Warp
+
+
+def lispsm_paper(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
+    """The paper's rule with the body's own depth extent: lambda = (n + sqrt(n (n + d s))) / s, measured from y_min.
+
+    Equal E_p at both ends of the line through (y_min, z = n) along Z_w, which reaches eye depth n + d s. Wimmer,
+    Scherzer and Purgathofer 2004; VN and `lispsm` put f for n + d s, the same at theta = pi/2 alone.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> [round(float(lispsm_paper(frustum, theta).lam), 2) for theta in (1.5708, 0.1745329)]
+        [11.0, 31.99]
+    """
+    space = _space(frustum, theta)
+    reach = space.mu_over_near * space.sin_theta
+    return Warp.from_range_ratio(reach / (1 + jnp.sqrt(1 + reach)), space.mu)
+
+
+def filament(frustum: ViewFrustum, theta: ArrayLike, near_hint: float = 1.0, far_hint: float = 100.0) -> Warp:
+    """Google Filament: lambda = max(n0, n1), n0 = (n + sqrt(v0 v1)) / s, n1 = h / (2 - 3 h / (f - n)).
+
+    v0 = max(n, near_hint) and v1 = min(f, far_hint, n + d s) are the depths that matter, h = v0 - n. n0 equalises E_p
+    at them; n1 minimises E_p E_q at v0, for a light overhead. Uniform unless s > 0.02 and 3 h < 2 (f - n).
+    filament/src/ShadowMap.cpp @0362f36, which does not warp in its `stable` mode.
+
+    Args:
+        frustum, theta: as for every rule.
+        near_hint: eye depth before which shadows do not matter, a length in the frustum's units (the engine's: m).
+        far_hint: eye depth beyond which they do not.
+
+    Raises:
+        ValueError: also for hints that are not finite, a negative near_hint, or far_hint <= 0.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(0.1, 500.0, 0.5236)
+        >>> round(float(filament(frustum, 1.5707963).lam), 3)   # v0 = 1, v1 = 100
+        10.1
+    """
+    near_hint = _parameter("near_hint", near_hint, frustum, lambda v: (v >= 0) & (v < jnp.inf), "a finite length >= 0")
+    far_hint = _parameter("far_hint", far_hint, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite length > 0")
+    space = _space(frustum, theta)
+    s, m, x = space.sin_theta, space.mu_over_near, space.depth_range
+    h = larger(near_hint - space.near, 0) / space.near
+    last = smaller(smaller(1 + x, far_hint / space.near), 1 + m * s)
+    # the roots one by one: the product could overflow single precision
+    first = m * s / (1 + jnp.sqrt(1 + h) * jnp.sqrt(last))
+    hinted = h > 0
+    second = m * (2 - 3 * (h / x)) / jnp.where(hinted, h, 1)
+    warps = (s > 0.02) & (3 * h < 2 * x)
+    return _guarded(space, warps, jnp.where(hinted, smaller(first, second), first))
+
+
+def osg_lispsm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
+    """OpenSceneGraph's LiSPSM, and the paper authors' code of 2004: N = (z_n + sqrt(z_n (z_n + d s))) / s, z_n = n / s.
+
+    The apex is N - n before the eye, so that lambda = N - n + y_min; N >= 0.02 d. The second 1/s is a slip of units
+    (z_n a distance along Z_w, d s an eye depth): `osg_lispsm_corrected`.
+    src/osgShadow/LightSpacePerspectiveShadowMap.cpp @2e4ae2e.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5235987755982988)
+        >>> [round(float(rule(frustum, 0.7853981633974483).lam), 2) for rule in (osg_lispsm, osg_lispsm_corrected)]
+        [16.35, 12.92]
+    """
+    space = _space(frustum, theta)
+    square = space.sin_theta**2
+    reach = space.mu_over_near * square
+    # times s^2, so that theta = 0 (lambda = inf) is a value like any other
+    N = larger(1 + jnp.sqrt(1 + reach), 0.02 * reach)
+    return _from_product(space, N + square * (space.minimum_depth / space.near - 1), square)
+
+
+def osg_lispsm_corrected(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
+    """`osg_lispsm` in one unit: lambda = sqrt(n (n + d s)) / s + y_min.
+
+    Equal E_p at eye depths n and n + d s on the line through the eye along Z_w, which is what the code's apex, set
+    relative to the eye, is for: along Z_w these are n / s and n / s + d from the eye. None where y_min is too far
+    behind the eye (theta < phi); `lispsm_paper` counts the same N from y_min and always gives a warp.
+    """
+    space = _space(frustum, theta)
+    s = space.sin_theta
+    return _from_product(space, jnp.sqrt(1 + space.mu_over_near * s) + s * (space.minimum_depth / space.near), s)
+
+
+def osg_vdsm(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: float = 0.05) -> Warp:
+    """OpenSceneGraph's view-dependent shadow maps: lambda = (d/2) max(tan(30 deg) cot(g)^2, 2 y_min / d, r).
+
+    The middle term is PSM's lambda = y_min, the apex at the eye. Uniform within 2 degrees of the view direction.
+    src/osgShadow/ViewDependentShadowMap.cpp:1959 @2e4ae2e.
+
+    Args:
+        frustum, theta: as for every rule.
+        near_far_ratio: r, the engine's "minimum shadow map near far ratio".
+
+    Raises:
+        ValueError: also for near_far_ratio <= 0.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> [round(float(rule(frustum, 1.5707963).lam), 3) for rule in (osg_vdsm, openmw)]
+        [2.475, 12.375]
+    """
+    r = _parameter("near_far_ratio", near_far_ratio, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite number > 0")
+    space = _space(frustum, theta)
+    s = space.sin_theta
+    warps = s >= math.sin(math.radians(2))
+    cotangent = _cosine(space) / jnp.where(warps, s, 1)
+    lam_over_mu = larger(math.tan(math.radians(30)) / 2 * cotangent**2, r / 2)
+    lam_over_mu = larger(lam_over_mu, space.minimum_depth / space.near / space.mu_over_near)
+    return _guarded(space, warps, 1 / lam_over_mu)
+
+
+def openmw(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: float = 0.25) -> Warp:
+    """OpenMW: `osg_vdsm` with r = 0.25, a user setting. components/sceneutil/mwshadowtechnique.cpp:2953 @e47ad77."""
+    return osg_vdsm(frustum, theta, near_far_ratio)
+
+
+def ogre(frustum: ViewFrustum, theta: ArrayLike, adjust: float = 0.1, threshold: float = 0.451) -> Warp:
+    """OGRE up to 13.5, its simple rule: lambda = (n + sqrt(n f)) k t, without any sin(theta).
+
+    t = 1 while |cos(g)| < c = cos(threshold), and 1 + 20 (|cos(g)| - c) / (1 - c) beyond.
+    OgreMain/src/OgreShadowCameraSetupLiSPSM.cpp.
+
+    Args:
+        frustum, theta: as for every rule.
+        adjust: k, the engine's "optimal adjust factor".
+        threshold: radians from the view direction within which t grows.
+
+    Raises:
+        ValueError: also for adjust <= 0, or a threshold outside (0, pi/2).
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> round(float(ogre(frustum, 1.5707963).lam), 3)
+        1.1
+    """
+    k = _parameter("adjust", adjust, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite number > 0")
+    angle = _parameter("threshold", threshold, frustum, lambda v: (v > 0) & (v < math.pi / 2), "radians in (0, pi/2)")
+    space = _space(frustum, theta)
+    c = jnp.cos(angle)
+    # 1 - c without its cancellation for small angles
+    tweak = 1 + 20 * larger(_cosine(space) - c, 0) / (2 * jnp.sin(angle / 2) ** 2)
+    lam = (1 + jnp.sqrt(1 + space.depth_range)) * k * tweak
+    return Warp.from_range_ratio(space.mu_over_near / lam, space.mu)
+
+
+def veloren(frustum: ViewFrustum, theta: ArrayLike, at_phi: float = -0.2, span: float = 0.3) -> Warp:
+    """Veloren, after Lloyd's thesis, section 5.2: lambda shaped by e from -1 (uniform) to 0 (LiSPSM).
+
+    With w = min(f/n - 1, d s / n): lambda = d (1 + sqrt(1 + w) - e w) / (w (e + 1)). e = -1 below phi/3, rises as
+    1 - cos to at_phi at phi, then as sin to 0 at phi + span (pi/2 - phi). voxygen/src/scene/mod.rs @d36ddcb.
+
+    Raises:
+        ValueError: also for at_phi outside (-1, 0], or span outside (0, 1].
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> [round(float(veloren(frustum, theta).lam), 2) for theta in (1.5707963, 0.7853982)]
+        [11.0, 14.9]
+    """
+    at_phi = _parameter("at_phi", at_phi, frustum, lambda v: (v > -1) & (v <= 0), "a number in (-1, 0]")
+    span = _parameter("span", span, frustum, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
+    space = _space(frustum, theta)
+    phi, theta = frustum.half_fov, checked_theta(theta, frustum)
+    angle = jnp.where(space.mirrored, math.pi - theta, theta)
+    low = jnp.clip((angle - phi / 3) / (2 * phi / 3), 0, 1) * (math.pi / 2)
+    high = jnp.clip((angle - phi) / (span * (math.pi / 2 - phi)), 0, 1) * (math.pi / 2)
+    # 1 - cos and 1 - sin as squares: e + 1 and -e keep their digits where they vanish
+    below = angle < phi
+    minus_e = -at_phi * 2 * jnp.sin((math.pi / 2 - high) / 2) ** 2
+    e_plus_1 = jnp.where(below, (1 + at_phi) * 2 * jnp.sin(low / 2) ** 2, 1 - minus_e)
+    minus_e = jnp.where(below, 1 - e_plus_1, minus_e)
+    w = smaller(space.depth_range, space.mu_over_near * space.sin_theta)
+    return Warp.from_range_ratio(w * e_plus_1 / (1 + jnp.sqrt(1 + w) + minus_e * w), space.mu)
+
+
+def tsm_xray(
+    frustum: ViewFrustum, theta: ArrayLike, delta: float = 0.3, xi: float = -0.6, cutoff: float = 0.99
+) -> Warp:
+    """TSM in X-Ray: lambda = d delta (1 + xi) / (1 - xi - 2 delta); uniform where |cos(g)| >= cutoff.
+
+    Maps the depth fraction delta of the body to s = (1 - xi) / 2, 0.8 of the map. A fixed fraction, where `tsm` takes
+    that of a point on the view axis. r2_R_sun.cpp.
+
+    Args:
+        frustum, theta: as for every rule.
+        delta: depth fraction of the focus.
+        xi: where its line is to lie, in [-1, 1] from the far end of the map.
+        cutoff: |cos(theta)| from which the map is uniform.
+
+    Raises:
+        ValueError: also for delta outside (0, 1), xi outside (-1, 1), or cutoff outside (0, 1].
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> [round(float(rule(frustum, 1.5707963).lam), 2) for rule in (tsm_xray, tsm_dagor)]
+        [11.88, 36.77]
+    """
+    delta = _parameter("delta", delta, frustum, lambda v: (v > 0) & (v < 1), "a number in (0, 1)")
+    xi = _parameter("xi", xi, frustum, lambda v: (v > -1) & (v < 1), "a number in (-1, 1)")
+    cutoff = _parameter("cutoff", cutoff, frustum, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
+    space = _space(frustum, theta)
+    ratio = jnp.broadcast_to((1 - xi - 2 * delta) / (delta * (1 + xi)), space.mu.shape)
+    return _guarded(space, _cosine(space) < cutoff, ratio)
+
+
+def tsm_dagor(
+    frustum: ViewFrustum, theta: ArrayLike, delta: float = 0.52, xi: float = -0.6, cutoff: float = 0.95
+) -> Warp:
+    """TSM in Dagor: `tsm_xray` with its own numbers. prog/gameLibs/render/psm.cpp @3aaa489.
+
+    The engine then tries 15 values of xi in (-0.67, 0) each frame and keeps the one that gives a box of interest the
+    largest area; this is its start.
+    """
+    return tsm_xray(frustum, theta, delta, xi, cutoff)
+
+
+def _space(frustum: ViewFrustum, theta: ArrayLike) -> LightSpace:
+    return LightSpace(frustum, checked_theta(theta, frustum))
+
+
+def _cosine(space: LightSpace) -> Float[Array, "..."]:
+    """|cos(theta)|."""
+    return space.slope / space.tan_phi
+
+
+def _parameter(name: str, value: ArrayLike, frustum: ViewFrustum, valid, expected: str) -> Array:
+    return checked(name, jnp.asarray(value, frustum.near.dtype), valid, expected)
+
+
+def _guarded(space: LightSpace, warps: Array, ratio: Array) -> Warp:
+    """The warp of mu / lambda where the engine warps at all; undefined where that is negative."""
+    ratio = jnp.where(warps, ratio, 0)
+    return Warp.from_range_ratio(ratio, space.mu, ratio >= 0)
+
+
+def _from_product(space: LightSpace, product: Array, factor: Array) -> Warp:
+    """The warp of lambda factor / n, for a factor >= 0; undefined unless that is positive."""
+    positive = product > 0
+    return Warp.from_range_ratio(space.mu_over_near * factor / jnp.where(positive, product, 1), space.mu, positive)

@@ -1,0 +1,161 @@
+"""The limit: the least norm that any monotone map of the depth along Z_w reaches, perspective or not.
+
+A map s(delta) of [0, 1] onto itself gives E_p = mu / (z tan(phi) s'(delta)), so that only the receivers at each delta
+matter. L-inf: s' must be at least mu max(1/z) / (value tan(phi)) and integrates to 1, hence
+    value = mu / tan(phi) * integral of max over the receivers at delta of 1/z.
+L_P: the integral of W(delta) s'^-P, W the density of z^-P over delta, is convex in s' and is stationary under the
+constraint where s' is in proportion to W^(1/(P+1)); by Hoelder's inequality the least value of its P-th root is
+    value = mu / tan(phi) * ((integral of W^(1/(P+1)))^(P+1) / mass)^(1/P):
+(integral of sqrt W)^2 for L1, s' ~ W^(1/3) for L2. As P grows it becomes the first.
+
+On V, the receivers at one delta are a segment of eye depths, of log length rho; W = (1/2T) times the integral of
+z^-(Q+1) along it, Q the norm's depth exponent. rho grows from 0 where delta enters V to a plateau and falls back to 0.
+"""
+
+import functools
+import math
+
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+from .._numerics import horner, larger, power
+from ..receivers.whole_frustum import measure_mass, unit_nodes
+from ..theory.error_norm import ErrorNorm, Metric
+from ..theory.frustum import ViewFrustum
+from ..theory.light_space import LightSpace, checked_theta
+from .chunks import in_blocks, in_chunks
+
+_NODES = 64  # within 1e-13 of 300 nodes for f/n up to 1e12 and Q from -1 to 10
+
+
+def limit(
+    frustum: ViewFrustum,
+    theta: ArrayLike,
+    metric: str | Metric = "p",
+    norm: str | float = "inf",
+    measure: str = "screen",
+) -> Float[Array, "..."]:
+    """The least norm over the view frustum that any reparameterisation along Z_w reaches, in `error_norm`'s units.
+
+    For E_p (and its powers): any monotone map s(delta), for every norm and measure. For E_q in L-inf: any width of the
+    map for each delta that contains V, max of 2 z_max(delta) / z; the optimal warp attains it over V. On the axis E_p's
+    is 0 for a light along the view. Closed forms, but for L_P off the axis (a quadrature to 1e-12 up to f/n = 1e12).
+
+    Args:
+        frustum, theta: any shapes that broadcast; theta in radians, in [0, pi].
+        metric, norm, measure: as in `optimal_warp`.
+
+    Raises:
+        ValueError: bad arguments, or no limit is known: E_q in L_P, or a product of E_p and E_q.
+
+    Differentiable in near, far, half_fov and theta; one-sided at theta = phi and where n b = f a.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(near=1.0, far=100.0, half_fov=0.5235987755982988)
+        >>> ratio = warpopt.optimal_warp(frustum, 1.5707963267948966).value / limit(frustum, 1.5707963267948966)
+        >>> round(float(ratio), 2)
+        2.15
+    """
+    error_norm = ErrorNorm.of(metric, norm, measure)
+    refuse_unknown(error_norm)
+    return in_blocks(functools.partial(_limit, norm=error_norm), frustum, checked_theta(theta, frustum))
+
+
+def refuse_unknown(norm: ErrorNorm) -> None:
+    """Raises:
+    ValueError: no limit is known for this norm.
+    """
+    alpha, beta = norm.metric.alpha, norm.metric.beta
+    if beta and (alpha or not norm.supremum):
+        what = "a product of E_p and E_q" if alpha else f"E_q in L_{norm.order:g}"
+        raise ValueError(f"metric, norm: got {what}, expected E_p in any norm or E_q in L-inf: no other limit is known")
+
+
+@functools.partial(jax.jit, static_argnames=("norm",))
+def _limit(frustum: ViewFrustum, theta: Array, norm: ErrorNorm) -> Array:
+    def evaluate(frustum: ViewFrustum, theta: Array) -> Array:
+        space = LightSpace(frustum, theta)
+        if norm.metric.beta:
+            return power(2 * _widest_row(space, norm.measure == "axis"), norm.metric.beta)
+        order = norm.order * norm.metric.alpha  # the norm of E_p^alpha is a power of one of E_p
+        return power(_of_e_p(space, norm, order) / space.tan_phi, norm.metric.alpha)
+
+    return in_chunks(evaluate, frustum, theta)
+
+
+def _widest_row(space: LightSpace, axis: bool) -> Array:
+    """max over the receivers of z_max(delta) / z: from the near plane's lowest point to the row's farthest."""
+    lowest = space.sin_theta if axis else space.b
+    cut = lowest >= (1 + space.depth_range) * space.a_plus  # the row ends on the far plane
+    return jnp.where(cut, 1 + space.depth_range, lowest / jnp.where(cut, 1, space.a_plus))
+
+
+def _of_e_p(space: LightSpace, norm: ErrorNorm, order: float) -> Array:
+    """tan(phi) times the limit for E_p in L_order."""
+    L, x = space.log_ratio, space.depth_range
+    if norm.measure == "axis":  # delta is linear in z: W is z^-P, and a gap without receivers takes no texels
+        if math.isinf(order):
+            return space.sin_theta * L
+        part = (order + 1) * jnp.expm1(L / (order + 1))
+        return space.sin_theta * part * power(part / x, 1 / order)
+    if math.isinf(order):
+        return (space.b + space.a_minus) * L + 2 * space.slope
+    total = _root_of_density(space, Rows(space), norm.depth_exponent, 1 / (order + 1))
+    return total * power(total / (x * measure_mass(norm.volume_exponent, x, L)), 1 / order)
+
+
+class Rows:
+    """The longest rows (segments of V at one delta): rho, rho / (2 T), and whether both end planes cut them.
+
+    From the near plane to z = n e^rho where a > 0, from n to f where a < 0 or all is cut; a row at either end of V's
+    depth range is a point.
+    """
+
+    def __init__(self, space: LightSpace):
+        T2, a = 2 * space.slope, space.a_plus
+        self.cut = T2 > space.depth_range * a
+        # rho / 2T without T: a light overhead has rows of one depth each
+        slim = log1p_over(jnp.where(self.cut, 0, T2) / jnp.where(self.cut, 1, a)) / jnp.where(self.cut, 1, a)
+        self.per_slope = jnp.where(self.cut, space.log_ratio / jnp.where(self.cut, T2, 1), slim)
+        self.rho = jnp.where(self.cut, space.log_ratio, slim * T2)
+
+
+def _root_of_density(space: LightSpace, rows: Rows, Q: float, root: float) -> Array:
+    """The integral of W^root over mu delta, for n = 1.
+
+    Where rows grow or shrink, rho = rho_max t^(1/root) makes W^root t times an analytic function. They begin at the
+    near plane (a > 0, slope a) or end at the far one (slope b, and -a where a < 0), exactly alike on both sides there.
+    """
+    nodes, weights = unit_nodes(_NODES, rows.rho.dtype)
+    power_of_t = nodes ** (1 / root)
+    rho, L = rows.rho[..., None] * power_of_t, space.log_ratio[..., None]
+    spread = power(decay(Q * rho), root) * (weights * power_of_t)
+    at_near = (jnp.exp(rho) * spread).sum(-1)
+    at_far = (jnp.exp((1 - Q * root) * (L - rho)) * spread).sum(-1)
+    sides = rows.rho / root * (space.a_plus * at_near + (space.b + space.a_minus) * at_far)
+    # The longest rows: from the lower to the upper plane, in proportion to z; or between the end planes, all alike.
+    excess = space.depth_range * space.a_plus - 2 * space.slope
+    log_length = jnp.log1p(jnp.where(rows.cut, 0, excess) / space.b)
+    middle = space.b * (log_length * decay((Q * root - 1) * log_length)) + larger(-excess, 0)
+    return power(rows.per_slope, root) * (sides + power(decay(Q * rows.rho), root) * middle)
+
+
+def log1p_over(y: Float[Array, "..."]) -> Float[Array, "..."]:
+    """log(1 + y) / y for y >= 0; by its series where a quotient's derivative would cancel."""
+    small = y < 0.1
+    w = jnp.where(small, y, 0) / (2 + jnp.where(small, y, 0))  # log(1 + y) = 2 artanh(w)
+    series = horner([jnp.full_like(w, 1 / (2 * k + 1)) for k in range(7, -1, -1)], w * w)
+    large = jnp.where(small, 1, y)
+    return jnp.where(small, series * (1 - w), jnp.log1p(large) / large)
+
+
+def decay(y: Float[Array, "..."]) -> Float[Array, "..."]:
+    """(1 - e^-y) / y, 1 at y = 0; by its series where a quotient's derivative would cancel."""
+    small = jnp.abs(y) < 0.5
+    h = jnp.where(small, y, 0) / 2
+    series = horner([jnp.full_like(h, 1 / math.factorial(2 * k + 1)) for k in range(6, -1, -1)], h * h)
+    large = jnp.where(small, 1, y)
+    return jnp.where(small, jnp.exp(-h) * series, -jnp.expm1(-large) / large)

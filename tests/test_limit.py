@@ -1,0 +1,330 @@
+"""The limit of any map along Z_w: closed forms and quadratures against raw geometry, brute force and the warps."""
+
+import json
+
+import hypothesis.strategies as st
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scenes
+import scipy.optimize
+import twin
+from hypothesis import given, settings
+from twin import mp, mpf
+
+import warpopt
+
+EPS = np.finfo(np.float64).eps
+PAPER = warpopt.ViewFrustum(1.0, 100.0, scenes.PHI)
+FRUSTUM, THETA = scenes.batch()
+POINTS = warpopt.PointReceivers(np.ones((2, 3)))
+KINDS = [("inf", "screen"), ("l1", "screen"), ("l2", "volume"), ("l1", "axis"), (2.5, "ground")]
+
+
+@jax.jit
+def limits(frustum, theta):
+    return [warpopt.limit(frustum, theta, "p", norm, measure) for norm, measure in KINDS]
+
+
+def rows(s):
+    """Of the section of V in the YZ plane: [(depth, least z, greatest z)] at the corners' depths, and between them.
+
+    By cutting the four edges with the line of one depth: no formula of ours.
+    """
+    corners = [(j * z * s.tan_phi, z) for z in (s.near, s.far) for j in (1, -1)]
+    edges = [(corners[i], corners[j]) for i, j in ((0, 1), (1, 3), (3, 2), (2, 0))]
+
+    def row(depth):
+        z = []
+        for (y0, z0), (y1, z1) in edges:
+            d0, d1 = s.depth(y0, z0), s.depth(y1, z1)
+            along = (depth - d0) / (d1 - d0) if d0 != d1 else mpf(-1)
+            if abs(along - mpf(1) / 2) <= mpf(1) / 2 + mpf(10) ** -25:  # a row at a corner must not fall between
+                z.append(z0 + (z1 - z0) * along)
+        return min(z), max(z)
+
+    return sorted({s.depth(y, z) for y, z in corners}), row
+
+
+def twin_limit(s, order, density):
+    """The limit by its definition: the integrals over depth of max 1/z, or of W^(1/(P+1)), numerically."""
+    breaks, row = rows(s)
+    if order == mp.inf:
+        return mp.quad(lambda d: 1 / row(d)[0], breaks) / s.tan_phi
+
+    def w(d):  # dy = d(depth) / |cos|; the width in x is 2 z tan(phi)
+        low, high = row(d)
+        k = 2 - order - density
+        inner = mp.log(high / low) if k == 0 else (high**k - low**k) / k
+        return 2 * s.tan_phi * inner / abs(s.cos)
+
+    mass = mp.quad(lambda z: (2 * z * s.tan_phi) ** 2 * z**-density, [s.near, s.far])
+    total = mp.quad(lambda d: w(d) ** (1 / (order + 1)), breaks)
+    return (total ** (order + 1) / mass) ** (1 / order) / s.tan_phi
+
+
+@pytest.fixture(scope="module")
+def values():
+    return limits(FRUSTUM, THETA)
+
+
+@pytest.mark.parametrize("tag", ["paper, 60 degrees", "below phi", "deep", "thin", "mirrored", "wide"])
+def test_against_raw_geometry(values, tag):
+    """30 digits: closed forms to 16 eps, quadratures to 1e-12."""
+    i = scenes.TAGS.index(tag)
+    with mp.workdps(30):
+        s = scenes.twins()[i]
+        s = twin.Scene(*scenes.CASES[i][1:])
+        for (norm, measure), value in zip(KINDS, values, strict=True):
+            if measure == "axis":
+                continue
+            order = mp.inf if norm == "inf" else mpf({"l1": 1, "l2": 2}.get(norm, norm))
+            exact = twin_limit(s, order, twin.DENSITY[measure])
+            tolerance = 16 * EPS if norm == "inf" else 1e-12
+            assert abs(float(mpf(float(value[i])) / exact - 1)) < tolerance, (norm, measure)
+
+
+def test_the_closed_form_and_the_papers_ratios():
+    """((b + a-) ln(f/n) + 2 T) / tan(phi), and optimum / limit at 90, 30 and 10 degrees."""
+    theta = np.deg2rad([90.0, 30.0, 10.0])
+    ratio = warpopt.optimal_warp(PAPER, theta).value / warpopt.limit(PAPER, theta)
+    np.testing.assert_allclose(ratio, [2.15, 1.96, 16.3], rtol=3e-3)
+    s, T = np.sin(theta), np.tan(scenes.PHI) * np.cos(theta)
+    exact = ((s + T + np.maximum(T - s, 0)) * np.log(100) + 2 * T) / np.tan(scenes.PHI)
+    np.testing.assert_allclose(warpopt.limit(PAPER, theta), exact, rtol=16 * EPS)
+
+
+def test_the_logarithmic_map_attains_it_under_an_overhead_light():
+    """s = log(z/n) / log(f/n): E_p = mu / (z tan(phi) s') is constant and equals the limit; the table is that map."""
+    z = np.linspace(1, 100, 40)
+    slope = 99 / (z * np.log(100))  # ds / d delta
+    e_p = 99 / (z * np.tan(scenes.PHI) * slope)
+    np.testing.assert_allclose(e_p, float(warpopt.limit(PAPER, np.pi / 2)), rtol=16 * EPS)
+    best = warpopt.limit_map(PAPER, np.pi / 2)
+    np.testing.assert_allclose(best(best.delta), np.log1p(99 * best.delta) / np.log(100), atol=1e-13)
+
+
+def test_a_light_overhead_is_the_limit_of_lights_near_it():
+    """T = 0 divides nothing: values continuous, gradients finite and those of a centred difference."""
+    theta = np.pi / 2 - np.resize([0.0, 1e-12, 1e-9], 16)
+    frustum = warpopt.ViewFrustum(np.full(16, 1.0), 100.0, scenes.PHI)
+    for value in limits(frustum, theta):
+        np.testing.assert_allclose(value, value[0], rtol=1e-7)
+    edges = np.resize([0.3, 1.0, 3.0, np.pi / 2, 0.0, 1e-8, scenes.PHI], 16)
+
+    def total(near, far, phi, theta):
+        return sum(limits(warpopt.ViewFrustum(near, far, phi), theta)[:4])
+
+    arguments = [*(np.full(16, v) for v in (1.0, 100.0, scenes.PHI)), edges]
+    slopes = jax.jit(jax.grad(lambda *a: total(*a).sum(), (0, 1, 2, 3)))(*arguments)
+    assert all(bool(jnp.isfinite(slope).all()) for slope in slopes)
+    step = np.where(np.arange(16) < 3, 1e-5, 0)  # the others are edges
+    for k, slope in enumerate(slopes):
+        ends = (total(*(v + sign * step * (i == k) for i, v in enumerate(arguments))) for sign in (1, -1))
+        up, down = (np.asarray(v)[:3] for v in ends)
+        np.testing.assert_allclose(slope[:3], (up - down) / 2e-5, rtol=1e-6, atol=1e-5)
+
+
+def test_single_precision(values):
+    frustum, theta = scenes.batch(dtype=np.float32)
+    same = warpopt.ViewFrustum(*(np.asarray(v, np.float64) for v in jax.tree.leaves(frustum)))
+    for half, whole in zip(limits(frustum, theta), limits(same, np.asarray(theta, float)), strict=True):
+        assert half.dtype == np.float32
+        np.testing.assert_allclose(half, whole, rtol=64 * np.finfo(np.float32).eps)
+
+
+numbers = st.lists(st.floats(0, 1), min_size=16, max_size=16).map(np.array)
+
+
+@settings(deadline=None, max_examples=6)
+@given(a=numbers, b=numbers, c=numbers, d=numbers, e=numbers)
+def test_no_warp_beats_it(a, b, c, d, e):
+    near = 10 ** (6 * a - 3)
+    frustum = warpopt.ViewFrustum(near, near * 1.05 * 1e4**b, 0.02 + 1.4 * c)
+    theta, warp = np.pi * d, warpopt.Warp.from_eta(10 ** (-5 * e), 1.0)
+    for (norm, measure), least in zip(KINDS[:4], limits(frustum, theta), strict=False):
+        value = warpopt.error_norm(frustum, theta, warp, "p", norm, measure)
+        # overhead, volume, L2: no warp is the optimum and attains it, to rounding
+        assert bool((value >= least * (1 - 1e-12)).all())
+    least = warpopt.limit(frustum, theta, "q", measure="axis")
+    assert bool((warpopt.error_norm(frustum, theta, warp, "q", measure="axis") >= least * (1 - 1e-12)).all())
+
+
+def test_the_optimal_warp_of_e_q_attains_it():
+    """Over V: no choice of widths, row by row, is better than the optimal warp: 2 b/a or 2 f/n."""
+    best = warpopt.optimal_warp(FRUSTUM, THETA, "q").value
+    np.testing.assert_allclose(best, warpopt.limit(FRUSTUM, THETA, "q"), rtol=64 * EPS)
+    for s, value in zip(scenes.twins(), warpopt.limit(FRUSTUM, THETA, "q"), strict=True):
+        breaks, row = rows(s)
+        by_rows = max(2 * row(d)[1] / row(d)[0] for d in breaks)
+        assert abs(float(mpf(float(value)) / by_rows - 1)) < 1e-7  # to the twin's own branch at theta = phi
+
+
+@pytest.mark.parametrize("degrees", [70.0, 20.0])
+def test_no_monotone_map_does_better(degrees):
+    """Brute force: the best of all maps in 40 linear pieces, by a general convex minimiser and by a linear programme.
+
+    Pieces bracket the limit: their best is above it, and by little; with the nearest receiver of each piece replaced by
+    the farthest nearest one, below it.
+    """
+    s = twin.Scene(1.0, 20.0, 0.5, np.deg2rad(degrees))
+    frustum = warpopt.ViewFrustum(1.0, 20.0, 0.5)
+    breaks, row = rows(s)
+    count = 40
+    edges = np.linspace(float(breaks[0]), float(breaks[-1]), count + 1)
+    fine = np.linspace(edges[0], edges[-1], 40 * 50 + 1)[:-1].reshape(count, 50) + (edges[1] - edges[0]) / 100
+    ends = np.array([[[float(v) for v in row(mpf(d))] for d in line] for line in fine])
+    width = np.diff(edges)
+    # L-inf: least v with step_k >= width_k max(1/z) / (v tan(phi)), steps summing to 1
+    at_limit = float(warpopt.limit(frustum, np.deg2rad(degrees)))
+    found = []
+    for nearest in (1 / ends[..., 0].min(1), 1 / ends[..., 0].max(1)):
+        need = width * nearest / np.tan(0.5)
+        # maximise c = 1/v
+        programme = scipy.optimize.linprog(
+            np.append(np.zeros(count), -1.0),
+            A_ub=np.hstack([-np.eye(count), need[:, None]]), b_ub=np.zeros(count),
+            A_eq=[np.append(np.ones(count), 0.0)], b_eq=[1.0], bounds=[(0, None)] * (count + 1),
+        )  # fmt: skip
+        found.append(1 / programme.x[-1])
+    assert found[1] < at_limit < found[0] < 1.2 * at_limit
+    # L1 and L2 over the screen measure
+    for order, norm in ((1, "l1"), (2, "l2")):
+        k = -float(order)
+        inner = (ends[..., 1] ** k - ends[..., 0] ** k) / k
+        W = (2 * np.tan(0.5) * inner / float(s.cos)).mean(1) * width  # of each piece
+        mass = 4 * np.tan(0.5) ** 2 * 19.0
+
+        def value(logits, order=order, W=W, mass=mass):
+            share = np.exp(logits - logits.max())
+            share = share / share.sum()
+            density = W * (width / (share * np.tan(0.5))) ** order / mass
+            total = density.sum()
+            return total, order * (share - density / total) * total
+
+        best = scipy.optimize.minimize(value, np.zeros(count), jac=True, method="BFGS", options={"gtol": 1e-9})
+        least = float(warpopt.limit(frustum, np.deg2rad(degrees), "p", norm))
+        assert least * (1 - 1e-4) < best.fun ** (1 / order) < least * 1.02  # the pieces' own sums are to 1e-4
+
+
+def table_norm(best, frustum, theta, order, measure):
+    """The norm over V of the E_p that the table's straight pieces give, by midpoints."""
+    n = 300
+    u, z = np.meshgrid((np.arange(n) + 0.5) / n, np.exp((np.arange(n) + 0.5) / n * np.log(100)), indexing="ij")
+    s = twin.Scene(1.0, 100.0, scenes.PHI, theta)
+    depth = z * float(s.sin) - z * float(s.tan_phi) * (1 - 2 * u) * float(s.cos) - float(s.d0)
+    piece = np.clip(np.searchsorted(best.delta, depth / float(s.mu)) - 1, 0, len(best.s) - 2)
+    slope = (np.diff(best.s) / np.maximum(np.diff(best.delta), 1e-300))[piece]
+    error = float(s.mu) / (z * float(s.tan_phi) * slope)
+    weight = z ** (3 - twin.DENSITY[measure])
+    return error.max() if np.isinf(order) else ((weight * error**order).sum() / weight.sum()) ** (1 / order)
+
+
+@pytest.mark.parametrize(
+    ("norm", "measure", "slack"), [("inf", "screen", 0.03), ("l1", "screen", 1e-3), ("l2", "volume", 1e-3)]
+)
+def test_the_table_attains_the_limit_and_is_written_whole(tmp_path, norm, measure, slack):
+    for degrees in (60.0, 10.0):
+        theta = np.deg2rad(degrees)
+        best = warpopt.limit_map(PAPER, theta, norm, measure)
+        assert best.delta[0] == best.s[0] == 0
+        assert best.delta[-1] == best.s[-1] == 1
+        assert (np.diff(best.delta) >= 0).all()
+        assert (np.diff(best.s) >= 0).all()
+        order = {"inf": np.inf, "l1": 1.0, "l2": 2.0}[norm]
+        got = table_norm(best, PAPER, theta, order, measure) / best.value
+        assert 1 - 1e-3 < got < 1 + slack  # the midpoint sum is to 1e-3
+    paths = [tmp_path / f"map{ending}" for ending in (".npz", ".csv", ".json")]
+    for path in paths:
+        best.save(path)
+        first = path.read_bytes()
+        best.save(path)
+        assert path.read_bytes() == first
+    read = json.loads(paths[2].read_text())
+    assert read["format"] == "warpopt.LimitMap 1"
+    np.testing.assert_array_equal(read["s"], best.s)
+    np.testing.assert_array_equal(np.load(paths[0])["delta"], best.delta)
+    with pytest.raises(ValueError, match=r"expected an ending"):
+        best.save(tmp_path / "map.txt")
+
+
+def camera_and_light(degrees, seed=None):
+    light = np.array([0.0, -np.sin(np.deg2rad(degrees)), -np.cos(np.deg2rad(degrees))])
+    forward, up = np.array([0.0, 0, -1]), np.array([0.0, 1, 0])
+    turn = np.eye(3) if seed is None else np.asarray(scenes.turned(seed)[0])
+    camera = warpopt.Camera((0, 0, 0), turn @ forward, turn @ up, 1.0, 100.0, scenes.PHI)
+    return camera, warpopt.DirectionalLight(turn @ light)
+
+
+@pytest.mark.parametrize("degrees", [90.0, 30.0, 10.0])
+def test_bodies_have_the_frustums_limit(degrees):
+    """V as a body, turned anyhow, E_p and E_q; a box within it has one of its own that no warp beats."""
+    camera, light = camera_and_light(degrees, seed=3)
+    box = warpopt.ConvexBody.box((-np.inf,) * 3, (np.inf,) * 3)
+    for metric in ("p", "q"):
+        exact = float(warpopt.limit(PAPER, np.deg2rad(degrees), metric))
+        for receivers in (None, box):
+            assert warpopt.scene_limit(camera, light, receivers, metric) == pytest.approx(exact, rel=1e-10)
+    axis = warpopt.scene_limit(camera, light, warpopt.WholeFrustum("axis"))
+    assert axis == pytest.approx(float(warpopt.limit(PAPER, np.deg2rad(degrees), measure="axis")), rel=1e-10)
+    camera, light = camera_and_light(degrees)
+    x, y, z = (v.ravel() for v in np.meshgrid([-3.0, 3.0], [-2.0, 1.0], [5.0, 40.0]))  # in eye coordinates
+    body = warpopt.ConvexBody.box((-3, -2, -40), (3, 1, -5))
+    inside = np.abs(y) <= z * np.tan(scenes.PHI)  # the frustum cuts one edge of the box off
+    depth = z * np.sin(np.deg2rad(degrees)) - y * np.cos(np.deg2rad(degrees))
+    depth, z, x = ((v - depth[inside].min() if v is depth else v)[inside] for v in (depth, z, x))
+    eta = np.exp(np.linspace(-6, 0, 200))[:, None]
+    blend = depth / depth.max() * (1 - eta) + eta
+    e_p = depth.max() / np.tan(scenes.PHI) * (blend**2 / (eta * z)).max(1)
+    e_q = 2 / np.tan(scenes.PHI) * (x / blend).max(1) * (blend / z).max(1)
+    assert 0 < warpopt.scene_limit(camera, light, body, "p") <= e_p.min() * (1 + 1e-12)
+    assert 0 < warpopt.scene_limit(camera, light, body, "q") <= e_q.min() * (1 + 1e-12)
+
+
+def test_points_and_buffers_approach_the_limit_of_what_they_sample():
+    """Uniform over screen and depth, L1 and L2: V's own limit within the sampling's 2 %. None: 0."""
+    rng = np.random.default_rng(5)
+    q, p, z = rng.uniform(-1, 1, 200_000), rng.uniform(-1, 1, 200_000), rng.uniform(1, 100, 200_000)
+    tan = np.tan(scenes.PHI)
+    camera, light = camera_and_light(60.0)
+    points = warpopt.PointReceivers(np.stack([q * z * tan, p * z * tan, -z], 1))
+    for norm in ("l1", "l2"):
+        exact = float(warpopt.limit(PAPER, np.deg2rad(60.0), "p", norm))
+        got = warpopt.scene_limit(camera, light, points, "p", norm)
+        assert got == pytest.approx(exact, rel=0.02)
+    at_most = float(warpopt.limit(PAPER, np.deg2rad(60.0)))
+    assert 0.8 * at_most < warpopt.scene_limit(camera, light, points) < 1.05 * at_most
+    up = tan * (1 - (np.arange(54) + 0.5) / 27)  # y/z of the rows
+    depth = np.where(up < 0, 2 / np.where(up < 0, -up, 1), 0)[:, None] * np.ones(96)  # the ground, 2 below the eye
+    buffer = warpopt.DepthBuffer(np.where(depth < 100, depth, 0))
+    z = depth[(depth > 0) & (depth < 100)]
+    d = z * np.sin(np.pi / 3) + 2 * np.cos(np.pi / 3)
+    share = (d - d.min()) / (d.max() - d.min())
+    eta = np.exp(np.linspace(-7, 0, 200))[:, None]
+    error = (d.max() - d.min()) / tan * ((1 - share) * eta + share) ** 2 / (eta * z)
+    for norm, values in (("inf", error.max(1)), ("l2", np.sqrt((error**2).mean(1)))):
+        for bins in (8, 32):
+            least = warpopt.scene_limit(camera, light, buffer, "p", norm, bins=bins)
+            assert 0 < least < values.min() * 1.08  # what a warp may gain within a bin
+    assert warpopt.scene_limit(camera, light, warpopt.PointReceivers(np.zeros((0, 3)))) == 0
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda c, light: warpopt.limit(PAPER, 1.0, "pxq"), "product of E_p and E_q"),
+        (lambda c, light: warpopt.limit(PAPER, 1.0, "q", "l2"), "E_q in L_2"),
+        (lambda c, light: warpopt.limit(PAPER, -1.0), "theta"),
+        (lambda c, light: warpopt.limit_map(PAPER, np.array([1.0, 2.0])), "expected one of each"),
+        (lambda c, light: warpopt.limit_map(PAPER, 1.0, knots=1), "knots"),
+        (lambda c, light: warpopt.limit_map(PAPER, 0.0, measure="axis"), "more than one depth"),
+        (lambda c, light: warpopt.scene_limit(c, light, None, "p", "l2"), "WholeFrustum with E_p in L_2"),
+        (lambda c, light: warpopt.scene_limit(c, light, POINTS, "q"), "PointReceivers with E_q"),
+        (lambda c, light: warpopt.scene_limit(c, light, None, "pxq"), "product"),
+        (lambda c, light: warpopt.scene_limit(c, light, bins=0), "bins"),
+    ],
+)  # fmt: skip
+def test_what_is_not_known_is_refused(call, words):
+    with pytest.raises(ValueError, match=words):
+        call(*camera_and_light(45.0))
