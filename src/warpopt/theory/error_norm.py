@@ -74,6 +74,7 @@ class ErrorNorm:
 
     @classmethod
     def of(cls, metric: str | Metric, norm: str | float, measure: str) -> "ErrorNorm":
+        """The norm in the words of `optimal_warp`; refuses what could not be certified."""
         metric = Metric.of(metric)
         if measure not in get_args(Measure):
             raise ValueError(f"measure: got {measure!r}, expected one of {', '.join(map(repr, get_args(Measure)))}")

@@ -1,0 +1,143 @@
+"""What the pages say of the code: names, links, formulas, examples and command lines hold."""
+
+import doctest
+import importlib
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from warpopt.app import cli
+from warpopt.app.config import Problem, RunConfig, read_config, validated
+from warpopt.app.export_config import ExportRequest
+from warpopt.app.scene_config import SceneConfig
+from warpopt.app.table_config import TableConfig
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+THEORY = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
+COMPUTED = re.compile(r"\[`([\w.]+)`\]\(\.\./src/(warpopt/[\w/]+)\.py\)")
+FENCED = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
+
+
+def prose(page: Path) -> str:
+    """The page without its code blocks."""
+    return re.sub(r"(^|\n\n)(    .*(\n|$))+", "\n\n", FENCED.sub("", page.read_text(encoding="utf-8")))
+
+
+def anchors(page: Path) -> set[str]:
+    """What a forge makes of the page's headings."""
+    headings = re.findall(r"^#+ (.*)$", FENCED.sub("", page.read_text(encoding="utf-8")), re.M)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_and_images_resolve(page):
+    targets = re.findall(r"\]\(([^)\s]+)\)", prose(page))
+    for target in targets:
+        assert not target.startswith("/"), f"{target} leaves the repository"
+        if "://" in target:
+            continue
+        path, _, anchor = target.partition("#")
+        file = page.parent / path if path else page
+        assert file.exists(), f"{page.name}: {target}"
+        assert not anchor or anchor in anchors(file), f"{page.name}: {target}"
+
+
+def test_pictures_are_small_and_shown():
+    """A page that loads quickly, and no picture that no page shows."""
+    pictures = sorted((ROOT / "docs" / "images").iterdir())
+    text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    assert pictures
+    for picture in pictures:
+        assert picture.stat().st_size < 270_000, picture.name
+        assert f"images/{picture.name})" in text, picture.name
+
+
+def test_formulas_are_numbered_in_order_and_each_has_its_function():
+    stated = [int(number) for number in re.findall(r"^\*\*\(T(\d+)\)\*\*", THEORY, re.M)]
+    assert stated == list(range(1, len(stated) + 1))
+    rows = re.findall(r"^\| T(\d+) \| ([^|]+) \| (.+) \|$", THEORY, re.M)
+    assert [int(number) for number, _, _ in rows] == stated
+    for number, source, function in rows:
+        assert COMPUTED.search(function), f"T{number} is computed by nothing"
+        assert re.search(r"AT09|VN|WI|SC|derived here|theorem", source), f"T{number} comes from nowhere"
+    for number in re.findall(r"\(T(\d+)\)", THEORY):
+        assert int(number) in stated, f"T{number} is referred to and not there"
+
+
+@pytest.mark.parametrize(("name", "module"), sorted(set(COMPUTED.findall(THEORY))))
+def test_functions_that_compute_formulas_exist(name, module):
+    found = importlib.import_module(module.replace("/", "."))
+    for part in name.split("."):
+        found = getattr(found, part)
+    assert found.__doc__ or isinstance(found, property), f"{name} has nothing to read"
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if ">>>" in page.read_text(encoding="utf-8")], ids=str)
+def test_examples_print_what_the_page_says(page):
+    result = doctest.testfile(str(page), module_relative=False, encoding="utf-8")
+    assert result.attempted > 0
+    assert result.failed == 0
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_python_blocks_run(page):
+    """Those without a prompt; their last lines are expressions that must only evaluate."""
+    names: dict = {}
+    for language, block in FENCED.findall(page.read_text(encoding="utf-8")):
+        if language == "python" and ">>>" not in block:
+            exec(compile(block, page.name, "exec"), names)
+
+
+def commands(page: Path) -> list[list[str]]:
+    """The arguments of every `warpopt` command line on the page: in blocks, and in the text where they have options."""
+    text = page.read_text(encoding="utf-8")
+    blocks = [line for line in text.replace("\\\n", " ").splitlines() if line.startswith("    ")]
+    spans = [span for span in re.findall(r"`(warpopt [^`]+)`", text) if "--" in span]
+    found = []
+    for line in blocks + spans:
+        for part in re.split(r"&&|sh -c '(?:exec )?", re.sub(r"\$\w+|\$\(\(?.*?\)\)?", "0", line)):
+            words = re.match(r"\s*(?:\S+/)?warpopt (.*)", part, re.S)
+            if words:
+                found.append(shlex.split(words[1].removesuffix("'"), comments=True))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("page", "words"),
+    [pytest.param(p, w, id=f"{p.name}: {' '.join(w)}") for p in PAGES for w in commands(p)],
+)
+def test_command_lines_are_accepted(page, words, monkeypatch):
+    """As far as the checks go that come before anything is computed."""
+    parsed = []
+    monkeypatch.setattr(cli, "_dispatch", lambda command, rest: parsed.append((command, rest)))
+    cli.main(words)
+    ((command, rest),) = parsed
+    models = {cli.Run: RunConfig, cli.Scene: SceneConfig, cli.Table: TableConfig}
+    if type(command) in models:
+        config = ROOT / command.config
+        if not config.exists():
+            assert "/" not in str(command.config), f"{page.name}: {command.config}"  # a name of the reader's own
+            config = ROOT / "configs" / "paper.toml"
+        read_config(config, rest, models[type(command)])
+    elif isinstance(command, cli.Export):
+        ExportRequest.of(command.table, command.to, command.directory, command.metric, command.prefix)
+    elif isinstance(command, cli.Solve | cli.Rules):
+        fields = vars(command).copy()
+        fields.pop("json")
+        validated(Problem, fields, page.name)
+
+
+def test_pages_show_command_lines():
+    assert len([words for page in PAGES for words in commands(page)]) >= 12
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_experiments_named_exist(page):
+    text = page.read_text(encoding="utf-8")
+    for name in re.findall(r"experiments/\w+\.py", text):
+        assert (ROOT / name).exists(), name
+    for name, options in re.findall(r"python (experiments/\w+\.py)([^`\n]*)", text):
+        script = (ROOT / name).read_text(encoding="utf-8")
+        assert all(f'"{option}"' in script for option in re.findall(r"--[\w-]+", options)), name
