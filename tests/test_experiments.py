@@ -104,3 +104,20 @@ def test_the_experiments_reference_agrees_with_raw_geometry(metric, order):
         else:
             exact = twin.PowerMean(scene, alpha, beta, int(order), "screen")(lam)
         assert abs(problem.norm(eta) / exact - 1) < mp.mpf(10) ** -30
+
+
+def test_objective_pictures_show_what_was_minimised(tmp_path):
+    """Each warp is the best by its own error at worst, to what grouping of pixels may lose, and no warp by neither."""
+    sys.path.insert(0, str(EXPERIMENTS))
+    try:
+        import objective_pictures as script
+    finally:
+        sys.path.pop(0)
+    view = script.View(short=True)
+    choices = [view.choice("none", warped=False), view.choice("p", "p"), view.choice("q", "q")]
+    for metric, best in (("p", 1), ("q", 2)):
+        worst = [choice.worst(metric) for choice in choices]
+        assert worst[best] == min(worst)
+        assert worst[0] > 3 * worst[best]
+    script.picture(choices, ("p",), curves=True).savefig(tmp_path / "picture.png")
+    assert (tmp_path / "picture.png").stat().st_size > 10_000
