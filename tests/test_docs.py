@@ -2,12 +2,17 @@
 
 import doctest
 import importlib
+import importlib.util
+import inspect
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+import warpopt
 from warpopt.app import cli
 from warpopt.app.config import Problem, RunConfig, read_config, validated
 from warpopt.app.export_config import ExportRequest
@@ -17,6 +22,7 @@ from warpopt.app.table_config import TableConfig
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 THEORY = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
+REFERENCE = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
 COMPUTED = re.compile(r"\[`([\w.]+)`\]\(\.\./src/(warpopt/[\w/]+)\.py\)")
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
 
@@ -73,6 +79,35 @@ def test_functions_that_compute_formulas_exist(name, module):
     for part in name.split("."):
         found = getattr(found, part)
     assert found.__doc__ or isinstance(found, property), f"{name} has nothing to read"
+
+
+def test_the_reference_has_every_public_name_and_no_other():
+    rows = re.findall(r"^\| \[`([\w.]+)`\]\(\.\./src/(warpopt/[\w/]+)\.py\) \| .+ \|$", REFERENCE, re.M)
+    rules = [f"rules.{name}" for name in (*warpopt.rules.PUBLISHED, *warpopt.rules.ENGINES)]
+    assert sorted(name for name, _ in rows) == sorted({*warpopt.__all__, *rules} - {"rules"})
+    for name, module in rows:
+        found = getattr(importlib.import_module(module.replace("/", ".")), name.split(".")[-1])
+        assert found.__module__ == module.replace("/", "."), f"{name} is not written there"
+
+
+def test_every_public_name_has_an_example_that_runs():
+    public = {name: getattr(warpopt, name) for name in warpopt.__all__ if name != "rules"}
+    public |= warpopt.rules.PUBLISHED | warpopt.rules.ENGINES
+    del public["LambdaTable"]  # `build_table` makes one
+    assert [name for name, found in public.items() if ">>>" not in inspect.getdoc(found)] == []
+
+
+def test_the_site_builds_without_a_warning(tmp_path):
+    """With the `docs` extra. Slow for a test of this file, and the only one that sees docstrings as a page."""
+    if any(importlib.util.find_spec(name) is None for name in ("sphinx", "furo", "myst_parser", "latex2mathml")):
+        pytest.skip("the docs extra is not installed: pip install -e '.[docs]'")
+    command = [sys.executable, "-m", "sphinx", "-W", "-q", "-c", str(ROOT / "docs"), str(ROOT), str(tmp_path)]
+    built = subprocess.run(command, capture_output=True, text=True)
+    assert built.returncode == 0, built.stderr
+    page = (tmp_path / "docs" / "reference.html").read_text(encoding="utf-8")
+    described = set(re.findall(r'id="warpopt\.((?:rules\.)?\w+)"', page))
+    assert described >= {name for name in warpopt.__all__ if name != "rules"}
+    assert "<math" in (tmp_path / "docs" / "theory.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if ">>>" in page.read_text(encoding="utf-8")], ids=str)

@@ -101,6 +101,12 @@ def osg_lispsm_corrected(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     Equal E_p at eye depths n and n + d s on the line through the eye along Z_w, which is what the code's apex, set
     relative to the eye, is for: along Z_w these are n / s and n / s + d from the eye. None where y_min is too far
     behind the eye (theta < phi); `lispsm_paper` counts the same N from y_min and always gives a warp.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> bool(osg_lispsm_corrected(frustum, 0.2).defined)
+        False
     """
     space = _space(frustum, theta)
     s = space.sin_theta
@@ -137,7 +143,14 @@ def osg_vdsm(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: float = 0.0
 
 
 def openmw(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: float = 0.25) -> Warp:
-    """OpenMW: `osg_vdsm` with r = 0.25, a user setting. components/sceneutil/mwshadowtechnique.cpp:2953 @e47ad77."""
+    """OpenMW: `osg_vdsm` with r = 0.25, a user setting. components/sceneutil/mwshadowtechnique.cpp:2953 @e47ad77.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> round(float(openmw(frustum, 1.5707963).lam), 3)
+        12.375
+    """
     return osg_vdsm(frustum, theta, near_far_ratio)
 
 
@@ -240,6 +253,12 @@ def tsm_dagor(
 
     The engine then tries 15 values of xi in (-0.67, 0) each frame and keeps the one that gives a box of interest the
     largest area; this is its start.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> round(float(tsm_dagor(frustum, 1.5707963).lam_over_mu), 4)
+        0.3714
     """
     return tsm_xray(frustum, theta, delta, xi, cutoff)
 

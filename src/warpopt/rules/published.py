@@ -27,7 +27,14 @@ def _from_lam_over_near(space: LightSpace, lam: Float[Array, "..."]) -> Warp:
 
 
 def ssm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
-    """Standard shadow maps: no warp, lambda = inf."""
+    """Standard shadow maps: no warp, lambda = inf.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> float(ssm(frustum, 1.0).eta)
+        1.0
+    """
     space = _space(frustum, theta)
     return Warp.from_range_ratio(jnp.zeros_like(space.mu), space.mu)
 
@@ -36,6 +43,13 @@ def psm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     """Perspective shadow maps: lambda = n a, the apex at the eye; lambda = n at theta = pi/2 (AT09 section 2.1).
 
     E_q is about 1 and E_p about z on the view axis: the generalised linear distribution. None for theta <= phi.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> warp = psm(frustum, [1.5707963, 0.4])
+        >>> round(float(warp.lam[0]), 3), warp.defined.tolist()
+        (1.0, [True, False])
     """
     space = _space(frustum, theta)
     return _from_lam_over_near(space, space.a_plus)
@@ -60,6 +74,12 @@ def scherzer(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     """SC (1), (2): n_opt = (n + sqrt(n (n + mu))) / sin(theta) measured from n before the eye, lambda = n_opt - n + d0.
 
     The depth extent Dz of the body is that of the whole frustum in light space. Can be negative for theta < phi.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> round(float(scherzer(frustum, 1.5707963).lam), 3)
+        11.0
     """
     space = _space(frustum, theta)
     s = space.sin_theta
@@ -75,6 +95,12 @@ def minimum_norm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
 
     The minimiser of the axis' L-inf norm is `optimal_warp(..., measure="axis")`; it differs where the near end alone
     is stationary.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> round(float(minimum_norm(frustum, 1.0471976).lam), 3)
+        9.238
     """
     space = _space(frustum, theta)
     lam = space.minimum_depth / space.near + space.sin_theta * jnp.sqrt(1 + space.depth_range)
@@ -88,6 +114,12 @@ def tsm(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5, xi: float = 
 
     Raises:
         ValueError: kappa or xi outside (0, 1).
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> round(float(tsm(frustum, 1.5707963).lam), 3)   # mu / 3
+        33.0
     """
     kappa, xi = _fractions(frustum, kappa, xi)
     space = _space(frustum, theta)
@@ -106,6 +138,12 @@ def tsm_alternative(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5) 
 
     Raises:
         ValueError: kappa outside (0, 1).
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> [round(float(tsm_alternative(frustum, theta).eta), 3) for theta in (0.2, 0.5)]
+        [1.0, 0.496]
     """
     kappa, _ = _fractions(frustum, kappa, 0.5)
     space = _space(frustum, theta)

@@ -32,6 +32,12 @@ class Solution(eqx.Module):
             or the relative gap of the tie; 0 for a kink or no warp. Where the optimum is stationary, the condition
             changes sign once and its slope in log(eta) is at least 1 (moments, L-inf), so that log(eta) is within the
             residual, and the rounding of evaluating it, of the global optimum.
+
+    Example:
+        >>> import warpopt
+        >>> solution = warpopt.optimal_warp(warpopt.ViewFrustum(1.0, 100.0, 0.5236), 0.0)
+        >>> warpopt.Outcome(int(solution.result)).name, float(solution.warp.eta), float(solution.residual)
+        ('no_warp', 1.0, 0.0)
     """
 
     warp: Warp

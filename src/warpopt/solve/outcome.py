@@ -7,7 +7,12 @@ from jaxtyping import Array, Bool, Int
 
 
 class Outcome(enum.IntEnum):
-    """The mechanism that fixed the optimum, or why there is none. Solutions hold arrays of these integers."""
+    """The mechanism that fixed the optimum, or why there is none. Solutions hold arrays of these integers.
+
+    Example:
+        >>> Outcome(3).name, Outcome(3).succeeded, Outcome(3).sentence
+        ('no_warp', True, 'No warp (eta = 1) is optimal.')
+    """
 
     stationary = 0
     tie = 1

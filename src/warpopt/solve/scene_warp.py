@@ -38,6 +38,14 @@ class SceneSolution(eqx.Module):
             minimum that the receivers one by one would have, less 1. 0 where nothing is grouped.
         frame: W's axes.
         footprint: the receivers' extents.
+
+    Example:
+        >>> import warpopt
+        >>> camera = warpopt.Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=0.5236)
+        >>> solution = warpopt.scene_warp(camera, warpopt.DirectionalLight((0, -1, 0)))
+        >>> near, far = camera.to_eye([(0.0, 0.0, -1.0), (0.0, 0.0, -100.0)])
+        >>> [round(float(solution.aliasing_error(point)), 2) for point in (near, far)]   # a tie: the optimum
+        [17.15, 17.15]
     """
 
     warp: Warp

@@ -28,6 +28,12 @@ class LimitMap(eqx.Module):
         near, far, half_fov, theta: the view frustum and the light, as given.
         order: of the norm of E_p; inf for L-inf.
         measure: of the norm.
+
+    Example:
+        >>> import warpopt
+        >>> best = warpopt.limit_map(warpopt.ViewFrustum(1.0, 100.0, 0.5236), 1.5707963)
+        >>> round(best.value, 3), bool((np.diff(best.s) >= 0).all())   # log(f/n) / tan(phi)
+        (7.976, True)
     """
 
     delta: Float[np.ndarray, " N"]

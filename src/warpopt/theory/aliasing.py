@@ -68,6 +68,13 @@ def aliasing_error_uz(
     """`aliasing_error` at height fraction u in [0, 1] (0: the side plane next to the warp's near plane) and depth z.
 
     The well-conditioned form: accurate to a few units in the last place everywhere, on the side planes too.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> warp = warpopt.rules.lispsm(frustum, 1.5707963)
+        >>> round(float(aliasing_error_uz(frustum, 1.5707963, warp, 1.0, 1.0)), 3)   # the lower near corner
+        17.147
     """
     space = LightSpace(frustum, checked_theta(theta, frustum))
     u, z = jnp.asarray(u, space.near.dtype), jnp.asarray(z, space.near.dtype)
@@ -81,6 +88,13 @@ def local_aliasing_error(
 
     Written in eta instead of lambda, so that no warp is a value like any other. AT09 (8) is marked approximate there;
     it is exact on the axis.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> warp = warpopt.Warp.from_lam(11.0, mu=99.0)
+        >>> [round(float(local_aliasing_error(frustum, warp, z, "q")), 3) for z in (1.0, 100.0)]
+        [20.0, 2.0]
     """
     n, f = frustum.near, frustum.far
     z = jnp.asarray(z, n.dtype)
@@ -96,6 +110,14 @@ def texture_coordinates(
     """Shadow-map coordinates (t, s) in [0, 1]^2 of eye-space points: AT09 (12) with the width that contains V.
 
     s = delta / A is a Moebius map of [0, 1]; t = 1/2 + x / (2 xhat A).
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> warp = warpopt.Warp.from_lam(11.0, mu=99.0)
+        >>> t, s = texture_coordinates(frustum, 1.5707963, warp, 0.0, 0.0, [1.0, 10.0, 100.0])
+        >>> [round(float(v), 3) for v in s]   # nine of 99 depths take half the map
+        [0.0, 0.5, 1.0]
     """
     space = LightSpace(frustum, checked_theta(theta, frustum))
     x, y, z = (jnp.asarray(v, space.near.dtype) for v in (x, y, z))
@@ -108,7 +130,15 @@ def texture_coordinates(
 def screen_coordinates(
     frustum: ViewFrustum, x: ArrayLike, y: ArrayLike, z: ArrayLike
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Normalised device coordinates (q, p) in [-1, 1]^2 of eye-space points: AT09 section 1.2."""
+    """Normalised device coordinates (q, p) in [-1, 1]^2 of eye-space points: AT09 section 1.2.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> q, p = screen_coordinates(frustum, 0.0, -1.0, 2.0)
+        >>> float(q), round(float(p), 3)
+        (0.0, -0.866)
+    """
     scale = jnp.asarray(z, frustum.near.dtype) * jnp.tan(frustum.half_fov)
     return x / scale, y / scale
 
@@ -127,6 +157,14 @@ def projection_factors(
 
     The full errors |dq/dt|, |dp/ds| along the line are these times `aliasing_error`. Infinite where the line is
     parallel to the light.
+
+    Example:
+        >>> import warpopt
+        >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
+        >>> warp = warpopt.rules.ssm(frustum, 1.5707963)
+        >>> q, p = projection_factors(frustum, 1.5707963, warp, 0.0, -1.0, 5.0, kx=1.0, ky=0.0)   # level ground
+        >>> round(float(q), 3), round(float(p), 3)
+        (1.0, 0.2)
     """
     theta = checked_theta(theta, frustum)
     space = LightSpace(frustum, theta)

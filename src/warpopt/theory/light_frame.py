@@ -20,6 +20,13 @@ class LightFrame(eqx.Module):
         theta: angle between light and view, radians in [0, pi].
         parallel: whether Z_w is frozen.
         density_p, density_q: screen units per unit slope (x/z, y/z) along the screen images of Z_w and X_w.
+
+    Example:
+        >>> import warpopt
+        >>> camera = warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=100.0, half_fov=0.5)
+        >>> frame = LightFrame(camera, warpopt.DirectionalLight((0, -1, 0)))
+        >>> [abs(float(v)) for v in frame.z_axis]   # a light from above: the map is warped along the view
+        [0.0, 0.0, 1.0]
     """
 
     x_axis: Float[Array, "3"]
@@ -37,11 +44,13 @@ class LightFrame(eqx.Module):
         screen: tuple[int, int] | None = None,
         shadow_map: tuple[int, int] | None = None,
     ):
-        """Args:
-        camera, light: one of each; `jax.vmap` over more.
-        screen: (width, height) in pixels, and
-        shadow_map: texels along (t, s), across and along the warp: errors are then pixels per texel. Without them
-            the screen has square pixels and height 2, and the map is 1 by 1, the units of AT09 (13), (14).
+        """The axes for one camera and one light.
+
+        Args:
+            camera, light: one of each; `jax.vmap` over more.
+            screen: (width, height) in pixels, and
+            shadow_map: texels along (t, s), across and along the warp: errors are then pixels per texel. Without them
+                the screen has square pixels and height 2, and the map is 1 by 1, the units of AT09 (13), (14).
 
         Raises:
             ValueError: only one of the two, or not two positive numbers.

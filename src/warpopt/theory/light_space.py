@@ -51,6 +51,12 @@ class LightSpace(eqx.Module):
     b = sin(theta) + tan(phi) cos(theta) are the light-space slopes of the two side planes.
 
     At theta = phi (a = 0) the slopes of mu and d0 kink; the derivative there is the one on its left in theta.
+
+    Example:
+        >>> import jax.numpy as jnp, warpopt
+        >>> space = LightSpace(warpopt.ViewFrustum(1.0, 100.0, 0.5236), jnp.array([1.0472, 0.0]))
+        >>> [round(float(v), 2) for v in space.mu]   # 2 f tan(phi) for a light along the view
+        [114.89, 115.47]
     """
 
     near: Float[Array, "..."]
