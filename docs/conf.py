@@ -33,6 +33,7 @@ autodoc_class_signature = "separated"
 autodoc_typehints_format = "short"
 python_maximum_signature_line_length = 90
 napoleon_numpy_docstring = False
+napoleon_attr_annotations = False
 napoleon_use_ivar = True  # attributes are listed where the docstring lists them, and once
 
 ARRAY = "jaxlib._jax.Array"

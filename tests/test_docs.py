@@ -73,6 +73,13 @@ def test_formulas_are_numbered_in_order_and_each_has_its_function():
         assert int(number) in stated, f"T{number} is referred to and not there"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_formulas_in_the_text_survive_a_forge(page):
+    """Forges read Markdown's escapes and emphasis before the formula: no backslash before punctuation, no asterisk."""
+    for formula in re.findall(r"(?<![\\$])\$([^$\n]+)\$", prose(page)):
+        assert not re.search(r"\\[^A-Za-z]|\*", formula), f"{page.name}: {formula}"
+
+
 @pytest.mark.parametrize(("name", "module"), sorted(set(COMPUTED.findall(THEORY))))
 def test_functions_that_compute_formulas_exist(name, module):
     found = importlib.import_module(module.replace("/", "."))

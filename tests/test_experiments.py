@@ -121,3 +121,23 @@ def test_objective_pictures_show_what_was_minimised(tmp_path):
         assert worst[0] > 3 * worst[best]
     script.picture(choices, ("p",), curves=True).savefig(tmp_path / "picture.png")
     assert (tmp_path / "picture.png").stat().st_size > 10_000
+
+
+def test_gallery_pictures_keep_their_pixels(tmp_path):
+    from PIL import Image
+
+    sys.path.insert(0, str(EXPERIMENTS))
+    try:
+        import gallery
+    finally:
+        sys.path.pop(0)
+    with pytest.raises(SystemExit):
+        gallery.main(["--runs", str(tmp_path), "--directory", str(tmp_path)])
+    drawing = np.zeros((20, 30, 3), np.uint8)
+    drawing[5:, 10:] = (213, 94, 0)
+    for source, _ in gallery.PICTURES.values():
+        (tmp_path / source).parent.mkdir(exist_ok=True)
+        Image.fromarray(drawing).save(tmp_path / source)
+    gallery.main(["--runs", str(tmp_path), "--directory", str(tmp_path)])
+    for name in gallery.PICTURES:
+        assert np.array_equal(np.asarray(Image.open(tmp_path / name).convert("RGB")), drawing), name
