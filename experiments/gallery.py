@@ -13,9 +13,9 @@ PICTURES = {
     "ratio.png": ("paper/ratio.png", LOSSLESS),
     "lambda.png": ("paper/lambda.png", PALETTE),
     "error_distribution.png": ("paper/error_distribution.png", PALETTE),
-    "focus_region.png": ("paper/focus_region.png", PALETTE),
+    "focus_region.png": ("paper/focus_region.png", LOSSLESS),
     "landscape.png": ("landscape/error_map_camera0_light11_p_inf.png", LOSSLESS),
-    "light_path.png": ("landscape/light_path.png", PALETTE),
+    "light_path.png": ("landscape/light_path.png", LOSSLESS),
 }
 
 
