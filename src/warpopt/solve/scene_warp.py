@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
-from .._checks import instance
+from .._checks import checked, instance
 from .._numerics import larger, power
 from ..receivers.footprint import Footprint, Receivers
 from ..receivers.view_frustum import WholeFrustum
@@ -114,13 +114,53 @@ def scene_warp(
         >>> round(float(solution.warp.lam), 3)   # n + sqrt(f n), LiSPSM's, with the light from above
         11.0
     """
+    receivers, norms, resolutions = _checked(camera, light, receivers, metric, norm, screen, shadow_map)
+    if not (isinstance(min_eta, int | float) and 0 < min_eta < 1):
+        raise ValueError(f"min_eta: got {min_eta!r}, expected a number in (0, 1)")
+    solution = _solve(camera, light, receivers, norms, *resolutions, float(min_eta))
+    return _raised(solution) if throw else solution
+
+
+def scene_error_norm(
+    camera: Camera,
+    light: DirectionalLight,
+    receivers: Receivers | None,
+    eta: ArrayLike,
+    metric: str | Metric = "p",
+    norm: str | float = "inf",
+    *,
+    screen: tuple[int, int] | None = None,
+    shadow_map: tuple[int, int] | None = None,
+) -> Float[Array, "..."]:
+    """The norm of an aliasing error over the receivers, for any warp: what `scene_warp` minimises.
+
+    Args:
+        eta: warps over the receivers' own depth range (`Footprint.start`, `Footprint.mu`), of any shape.
+        camera, light, receivers, metric, norm, screen, shadow_map: as in `scene_warp`.
+
+    Raises:
+        ValueError: as `scene_warp`, or eta outside (0, 1].
+
+    Example:
+        >>> import warpopt
+        >>> camera = warpopt.Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=0.5236)
+        >>> light = warpopt.DirectionalLight((0, -1, 0))
+        >>> unwarped, lispsm = scene_error_norm(camera, light, None, (1.0, 0.1))
+        >>> round(float(unwarped / lispsm), 3)
+        10.0
+    """
+    receivers, norms, resolutions = _checked(camera, light, receivers, metric, norm, screen, shadow_map)
+    eta = checked("eta", jnp.asarray(eta, camera.near.dtype), lambda v: (v > 0) & (v <= 1), "numbers in (0, 1]")
+    return _norm_of(camera, light, receivers, eta, norms, *resolutions)
+
+
+def _checked(camera, light, receivers, metric, norm, screen, shadow_map):
+    """(receivers, norms, resolutions), with everything refused that `scene_warp` refuses of them."""
     instance("camera", camera, Camera)
     instance("light", light, DirectionalLight)
     receivers = WholeFrustum() if receivers is None else receivers
     if not hasattr(receivers, "footprint"):
         raise ValueError(f"receivers: got {type(receivers).__name__}, expected WholeFrustum, ConvexBody or the like")
-    if not (isinstance(min_eta, int | float) and 0 < min_eta < 1):
-        raise ValueError(f"min_eta: got {min_eta!r}, expected a number in (0, 1)")
     measure = getattr(receivers, "measure", "screen")
     metrics = (Metric(1.0, 0.0), Metric(0.0, 1.0)) if metric == "max" else (Metric.of(metric),)
     norms = tuple(ErrorNorm.of(one, norm, measure) for one in metrics)
@@ -129,17 +169,27 @@ def scene_warp(
     degree = norms[0].blend_degree
     if not (math.isinf(degree) or degree == round(degree)):
         raise ValueError(f"norm: got order {norms[0].order:g}, expected one with (2 alpha + beta) order an integer")
-    resolutions = tuple(tuple(r) if isinstance(r, list) else r for r in (screen, shadow_map))
-    solution = _solve(camera, light, receivers, norms, *resolutions, float(min_eta))
-    return _raised(solution) if throw else solution
+    return receivers, norms, tuple(tuple(r) if isinstance(r, list) else r for r in (screen, shadow_map))
+
+
+def _log_norm(camera, light, receivers, norms, screen, shadow_map) -> tuple[LightFrame, LogNorm]:
+    frame = LightFrame(camera, light, screen, shadow_map)
+    footprint = receivers.footprint(camera, frame, norms[0])
+    terms = tuple(_term(footprint, frame, norm) for norm in norms)
+    return frame, LogNorm(footprint, terms, None if norms[0].supremum else norms[0])
+
+
+@functools.partial(jax.jit, static_argnames=("norms", "screen", "shadow_map"))
+def _norm_of(camera, light, receivers, eta, norms, screen, shadow_map) -> Array:
+    _, log_norm = _log_norm(camera, light, receivers, norms, screen, shadow_map)
+    values = jax.vmap(lambda u: value_at(log_norm, u))(jnp.log(eta).ravel())
+    return jnp.where(log_norm.footprint.empty, 0, values).reshape(eta.shape)
 
 
 @functools.partial(jax.jit, static_argnames=("norms", "screen", "shadow_map", "min_eta"))
 def _solve(camera, light, receivers, norms, screen, shadow_map, min_eta) -> SceneSolution:
-    frame = LightFrame(camera, light, screen, shadow_map)
-    footprint = receivers.footprint(camera, frame, norms[0])
-    terms = tuple(_term(footprint, frame, norm) for norm in norms)
-    log_norm = LogNorm(footprint, terms, None if norms[0].supremum else norms[0])
+    frame, log_norm = _log_norm(camera, light, receivers, norms, screen, shadow_map)
+    footprint = log_norm.footprint
     optimum = minimise(log_norm, min_eta)
     value, unwarped = value_at(log_norm, optimum.log_eta), value_at(log_norm, jnp.zeros_like(optimum.log_eta))
     excess = jnp.zeros_like(value)
