@@ -137,7 +137,7 @@ def own_rules(rules: RulesConfig, folder: Path) -> dict[str, Callable]:
                 raise ConfigError(f"rules.own.{name}: got {function!r}, which module {module_name!r} does not have")
             if not callable(rule):
                 expected = "expected a callable (frustum, theta) -> warpopt.Warp"
-                raise ConfigError(f"rules.own.{name}: got {place}, a {type(rule).__name__}; {expected}")
+                raise ConfigError(f"rules.own.{name}: got {place}, of type {type(rule).__name__}; {expected}")
             found[name] = rule
     return found
 

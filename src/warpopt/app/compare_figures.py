@@ -21,9 +21,12 @@ MOST_CURVES = 12
 MOST_PANELS = 6
 _WORSE, _WORSE_INK = "#f6dfd6", "#a0522d"
 _YOURS = "#c2185b"
+_LIMIT = {"color": "black", "linewidth": 1.3, "linestyle": (0, (1, 1.4))}
 # Muted, so that the published rules and the user's own stand out; by brightness too.
-_ENGINE_COLOURS = ("#8d6e63", "#607d8b", "#9a8f3c", "#a1887f", "#6d8f6b", "#8e7cc3", "#b07d62", "#5d7a99", "#9e7b8f",
-                   "#7b8a57")  # fmt: skip
+_ENGINE_COLOURS = (
+    "#7d5a4f", "#4f8a8b", "#a8963a", "#9b6b9e", "#5f7f4f", "#c08552", "#6b7fa8", "#b5838d", "#4a4e69", "#8fb08c",
+)  # fmt: skip
+_AT_EDGE = 0.9  # of the axis: curves that end beyond are named at its right
 _LEVELS = (1.0, 1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
 _SHADES = ("#f7fbf3", "#fdf3cf", "#fbdf9d", "#f7bd6a", "#ee9150", "#d9603f", "#b2332f", "#7a1226")
 _UNDEFINED = "#d9d9d9"
@@ -92,13 +95,10 @@ def curves_figure(compared: list["Compared"]) -> Figure:
         style.beside(axes, _title(c), (0.5, 1), (0, 4), va="bottom", fontsize=9.5)
         if column == 0:
             style.beside(axes, "error / optimal error", (0, 0.5), (-36, 0), rotation=90)
-    handles = [
-        Line2D([], [], color="black", linewidth=2.6, label="optimum (= 1)"),
-        Line2D(
-            [], [], color="black", linewidth=1.3, linestyle=(0, (1, 1.4)), label="limit: no map of the depth is below"
-        ),
-        Patch(facecolor=_WORSE, label="worse than no warp"),
-    ]
+    handles = [Line2D([], [], color="black", linewidth=2.6, label="optimum (= 1)")]
+    if any(c.result.limit is not None for c in compared):
+        handles.append(Line2D([], [], label="limit: no map of the depth is below", **_LIMIT))
+    handles.append(Patch(facecolor=_WORSE, label="worse than no warp"))
     h = figure.get_size_inches()[1]
     figure.legend(handles=handles, loc="lower left", bbox_to_anchor=(left / total, 0.06 / h), ncols=3, borderaxespad=0)
     return figure
@@ -119,7 +119,7 @@ def _curves_panel(axes: Axes, c: "Compared", limit: float) -> None:
         axes.fill_between(theta, bare, limits[1], where=np.isfinite(bare), color=_WORSE, linewidth=0, zorder=0)
     axes.axhline(1, color="black", linewidth=2.6, zorder=2)
     if share is not None:
-        style.draw_curve(axes, theta, share, "limit", color="black", linewidth=1.3, linestyle=(0, (1, 1.4)), zorder=2)
+        style.draw_curve(axes, theta, share, "limit", zorder=2, **_LIMIT)
     engines = [name for name in r.names if name not in style.RULE_COLOURS and rule_title(name) != name]
     labels = []
     for i, name in enumerate(r.names):
@@ -145,7 +145,11 @@ def _look(name: str, engines: list[str]) -> dict:
 def _name_curves(axes: Axes, labels: list[tuple], limits: tuple[float, float], limit: float) -> None:
     """Names to the right, in the order of the curves' ends, apart enough to be read, with a line to each end."""
     low, high = np.log10(limits)
-    labels = sorted(labels, key=lambda label: label[1])
+    for theta, value, text, colour in labels:
+        if theta < _AT_EDGE * limit:  # its rule is not defined beyond
+            options = {"textcoords": "offset points", "va": "center", "fontsize": 7.4, "color": colour, "zorder": 7}
+            axes.annotate(text, (theta, value), xytext=(4, 0), annotation_clip=True, **options)
+    labels = sorted((label for label in labels if label[0] >= _AT_EDGE * limit), key=lambda label: label[1])
     ends = np.clip([(np.log10(value) - low) / (high - low) for _, value, *_ in labels], 0, 1)
     apart = min(0.058, 1 / max(len(labels), 1))
     at = ends.copy()
@@ -172,6 +176,8 @@ def map_figure(compared: list["Compared"]) -> Figure:
     height = cell * count
     scene = compared[0].result.regions is None
     foot = 0.95 if scene else 0.85
+    if columns == 1:
+        foot += 0.2  # the legend has more lines
     total = columns * (left + width + numbers)
     figure = style.new_figure(total, rows * (height + down) + foot)
     for place, c in enumerate(compared):
@@ -213,17 +219,16 @@ def _map_panel(axes: Axes, c: "Compared", last: bool) -> None:
         rasterized=True,
     )  # fmt: skip
     for row, i in enumerate(index):
-        changes = np.flatnonzero(np.diff(np.r_[False, r.worse[i], False])).reshape(-1, 2)
-        for start, stop in changes:
-            axes.add_patch(
-                Rectangle(
-                    (edges[start], row - 0.5), edges[stop] - edges[start], 1, fill=False, hatch="//////", linewidth=0,
-                    edgecolor="#2b2b2b", zorder=3,
-                )
-            )  # fmt: skip
+        # white where the cells are dark
+        dark = r.ratio[i] > _LEVELS[5]
+        for part, ink in ((~dark, "#2b2b2b"), (dark, "#ffffff")):
+            for start, stop in np.flatnonzero(np.diff(np.r_[False, r.worse[i] & part, False])).reshape(-1, 2):
+                place, size = (edges[start], row - 0.5), edges[stop] - edges[start]
+                look = {"fill": False, "hatch": "//////", "linewidth": 0, "edgecolor": ink, "zorder": 3}
+                axes.add_patch(Rectangle(place, size, 1, **look))
         name = order[row]
         worst, _ = r.worst(name)
-        numbers = ("–", "–") if np.isnan(worst) else (f"{r.mean(name):.3g}", f"{worst:.3g}")
+        numbers = ("–", "–") if np.isnan(worst) else (_number(r.mean(name)), _number(worst))
         for x, text in zip((1.13, 1.27), numbers, strict=True):
             axes.text(
                 x, 1 - (row + 0.5) / len(order), text, transform=axes.transAxes, ha="right", va="center", fontsize=7.4
@@ -253,6 +258,10 @@ def _map_panel(axes: Axes, c: "Compared", last: bool) -> None:
             style.beside(axes, "θ, angle between view and light (degrees)", (0.5, 0), (0, -17), va="top")
 
 
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
+
+
 def _map_legend(figure: Figure, left: float, total: float) -> None:
     labels = [f"to {high:g}" for high in _LEVELS[1:]] + [f"over {_LEVELS[-1]:g}"]
     handles = [
@@ -266,5 +275,5 @@ def _map_legend(figure: Figure, left: float, total: float) -> None:
     figure.legend(
         handles=handles, loc="lower center", bbox_to_anchor=(0.5, 0.06 / figure.get_size_inches()[1]), ncols=columns,
         handlelength=1.3, handletextpad=0.4, columnspacing=1.1, borderaxespad=0, fontsize=7.4,
-        title="error / optimal error" if total > 8 else None, title_fontsize=7.4,
+        title="error / optimal error", title_fontsize=7.4,
     )  # fmt: skip
