@@ -15,7 +15,7 @@ from ..receivers.points import PointReceivers, seen_from
 from ..rules import Body, tsm_alternative
 from ..solve.outcome import Outcome
 from ..solve.scene_limit import scene_limit
-from ..solve.scene_warp import scene_error_norm, scene_warp
+from ..solve.scene_warp import checked_problem, norms_at, scene_warp
 from ..theory.camera import Camera, DirectionalLight
 from ..theory.error_norm import Metric
 from ..theory.frustum import ViewFrustum
@@ -123,6 +123,7 @@ def _over_lights(camera, lights, receivers, frusta, apexes, names, scenes):
     """For each light: the optimum, each rule's (eta, defined), and the norms of these and of no warp."""
     metric, norm, screen, shadow_map, min_eta = scenes
     resolutions = {"screen": screen, "shadow_map": shadow_map}
+    _, norms, _ = checked_problem(camera, lights, receivers, metric, norm, screen, shadow_map)
 
     def one(inputs):
         light, frustum, apex = inputs
@@ -137,7 +138,7 @@ def _over_lights(camera, lights, receivers, frusta, apexes, names, scenes):
         eta = jnp.concatenate([jnp.asarray([warp.eta for warp in warps], body.mu.dtype), by_apex])
         defined = jnp.concatenate([jnp.asarray([warp.defined for warp in warps], bool), positive])
         every = jnp.concatenate([eta, jnp.ones(1, eta.dtype)])
-        values = scene_error_norm(camera, light, receivers, every, metric, norm, **resolutions)
+        values = norms_at(solution.footprint, solution.frame, norms, every)
         return solution, eta, defined, values
 
     together = 1 if isinstance(receivers, DepthBuffer) else min(_TOGETHER, len(lights.direction))

@@ -114,7 +114,7 @@ def scene_warp(
         >>> round(float(solution.warp.lam), 3)   # n + sqrt(f n), LiSPSM's, with the light from above
         11.0
     """
-    receivers, norms, resolutions = _checked(camera, light, receivers, metric, norm, screen, shadow_map)
+    receivers, norms, resolutions = checked_problem(camera, light, receivers, metric, norm, screen, shadow_map)
     if not (isinstance(min_eta, int | float) and 0 < min_eta < 1):
         raise ValueError(f"min_eta: got {min_eta!r}, expected a number in (0, 1)")
     solution = _solve(camera, light, receivers, norms, *resolutions, float(min_eta))
@@ -149,12 +149,12 @@ def scene_error_norm(
         >>> round(float(unwarped / lispsm), 3)
         10.0
     """
-    receivers, norms, resolutions = _checked(camera, light, receivers, metric, norm, screen, shadow_map)
+    receivers, norms, resolutions = checked_problem(camera, light, receivers, metric, norm, screen, shadow_map)
     eta = checked("eta", jnp.asarray(eta, camera.near.dtype), lambda v: (v > 0) & (v <= 1), "numbers in (0, 1]")
     return _norm_of(camera, light, receivers, eta, norms, *resolutions)
 
 
-def _checked(camera, light, receivers, metric, norm, screen, shadow_map):
+def checked_problem(camera, light, receivers, metric, norm, screen, shadow_map):
     """(receivers, norms, resolutions), with everything refused that `scene_warp` refuses of them."""
     instance("camera", camera, Camera)
     instance("light", light, DirectionalLight)
@@ -172,24 +172,29 @@ def _checked(camera, light, receivers, metric, norm, screen, shadow_map):
     return receivers, norms, tuple(tuple(r) if isinstance(r, list) else r for r in (screen, shadow_map))
 
 
-def _log_norm(camera, light, receivers, norms, screen, shadow_map) -> tuple[LightFrame, LogNorm]:
-    frame = LightFrame(camera, light, screen, shadow_map)
-    footprint = receivers.footprint(camera, frame, norms[0])
+def _log_norm(footprint: Footprint, frame: LightFrame, norms: tuple[ErrorNorm, ...]) -> LogNorm:
     terms = tuple(_term(footprint, frame, norm) for norm in norms)
-    return frame, LogNorm(footprint, terms, None if norms[0].supremum else norms[0])
+    return LogNorm(footprint, terms, None if norms[0].supremum else norms[0])
+
+
+def norms_at(footprint: Footprint, frame: LightFrame, norms: tuple[ErrorNorm, ...], eta: Array) -> Array:
+    """The norm for every eta over a footprint that was made for `norms`; 0 for no receivers."""
+    log_norm = _log_norm(footprint, frame, norms)
+    values = jax.vmap(lambda u: value_at(log_norm, u))(jnp.log(eta).ravel())
+    return jnp.where(footprint.empty, 0, values).reshape(eta.shape)
 
 
 @functools.partial(jax.jit, static_argnames=("norms", "screen", "shadow_map"))
 def _norm_of(camera, light, receivers, eta, norms, screen, shadow_map) -> Array:
-    _, log_norm = _log_norm(camera, light, receivers, norms, screen, shadow_map)
-    values = jax.vmap(lambda u: value_at(log_norm, u))(jnp.log(eta).ravel())
-    return jnp.where(log_norm.footprint.empty, 0, values).reshape(eta.shape)
+    frame = LightFrame(camera, light, screen, shadow_map)
+    return norms_at(receivers.footprint(camera, frame, norms[0]), frame, norms, eta)
 
 
 @functools.partial(jax.jit, static_argnames=("norms", "screen", "shadow_map", "min_eta"))
 def _solve(camera, light, receivers, norms, screen, shadow_map, min_eta) -> SceneSolution:
-    frame, log_norm = _log_norm(camera, light, receivers, norms, screen, shadow_map)
-    footprint = log_norm.footprint
+    frame = LightFrame(camera, light, screen, shadow_map)
+    footprint = receivers.footprint(camera, frame, norms[0])
+    log_norm = _log_norm(footprint, frame, norms)
     optimum = minimise(log_norm, min_eta)
     value, unwarped = value_at(log_norm, optimum.log_eta), value_at(log_norm, jnp.zeros_like(optimum.log_eta))
     excess = jnp.zeros_like(value)
