@@ -331,6 +331,19 @@ def test_a_failed_write_keeps_the_earlier_result(folder, monkeypatch, capsys):
     assert {p.name: p.stat().st_mtime_ns for p in (folder / "out").iterdir()} == before
 
 
+def test_a_failed_solve_is_told_and_exits_with_one(folder, capsys):
+    """f/n = 1e15 is beyond what the moments reach; one direction, one rule, which is not defined there."""
+    arguments = ["--view.far", "1e15", "--objective.metrics", "p", "--objective.norms", "l2", "--rules.own", "{}"]
+    arguments += ["--rules.names", "tsm_alternative", "--light.theta_deg", "60", "--output.directory", "failed"]
+    assert invoke("config.toml", *arguments) == 1
+    assert "1 problem(s) failed" in capsys.readouterr().out
+    (told,) = strict(folder / "failed/compare.json")["objectives"]
+    assert told["optimum"] == {"eta": [None], "value": [None], "outcome": ["not_finite"]}
+    report = (folder / "failed/report.md").read_text()
+    assert "could not be found" in report
+    assert "TSM's alternative yields no lambda > 0 at 60 deg." in report
+
+
 def test_a_missing_module_is_refused_before_jax_is_loaded(written):
     code = (
         "import sys, warpopt.app.cli as cli\n"

@@ -26,6 +26,7 @@ _LIMIT = {"color": "black", "linewidth": 1.3, "linestyle": (0, (1, 1.4))}
 _ENGINE_COLOURS = (
     "#7d5a4f", "#4f8a8b", "#a8963a", "#9b6b9e", "#5f7f4f", "#c08552", "#6b7fa8", "#b5838d", "#4a4e69", "#8fb08c",
 )  # fmt: skip
+_LONGEST = 24  # letters of a rule's name
 _AT_EDGE = 0.9  # of the axis: curves that end beyond are named at its right
 _LEVELS = (1.0, 1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
 _SHADES = ("#f7fbf3", "#fdf3cf", "#fbdf9d", "#f7bd6a", "#ee9150", "#d9603f", "#b2332f", "#7a1226")
@@ -51,6 +52,12 @@ def write_compare_figures(compared: list["Compared"], folder: Path) -> list[tupl
 def _left_out(compared: list["Compared"]) -> str:
     more = len(compared) - MOST_PANELS
     return f" {more} more objective(s) of the run are not shown." if more > 0 else ""
+
+
+def _short(name: str) -> str:
+    """A rule's name where there is little room."""
+    title = rule_title(name).replace("OpenSceneGraph", "OSG")
+    return title if len(title) <= _LONGEST else title[: _LONGEST - 1] + "…"
 
 
 def _title(c: "Compared") -> str:
@@ -127,7 +134,7 @@ def _curves_panel(axes: Axes, c: "Compared", limit: float) -> None:
         style.draw_curve(axes, theta, ratio[i], f"rule {name}", **look)
         there = np.flatnonzero(np.isfinite(ratio[i]))
         if there.size:
-            labels.append((float(theta[there[-1]]), float(ratio[i, there[-1]]), rule_title(name), look["color"]))
+            labels.append((float(theta[there[-1]]), float(ratio[i, there[-1]]), _short(name), look["color"]))
     _name_curves(axes, labels, limits, limit)
 
 
@@ -239,7 +246,7 @@ def _map_panel(axes: Axes, c: "Compared", last: bool) -> None:
     axes.set_ylim(len(order) - 0.5, -0.5)
     axes.set_xlim(edges[0], edges[-1])
     own = [rule_title(name) == name for name in order]
-    axes.set_yticks(range(len(order)), [rule_title(name) for name in order])
+    axes.set_yticks(range(len(order)), [_short(name) for name in order])
     for label, mine in zip(axes.get_yticklabels(), own, strict=True):
         label.set_color(_YOURS if mine else style.INK)
     axes.tick_params(axis="y", length=0)
@@ -251,7 +258,8 @@ def _map_panel(axes: Axes, c: "Compared", last: bool) -> None:
         if last:
             style.beside(axes, "light, and its angle θ to the view", (0.5, 0), (0, -28), va="top")
     else:
-        step = 15 if edges[-1] - edges[0] > 45 else 5
+        span = edges[-1] - edges[0]
+        step = 30 if span > 90 else 15 if span > 45 else 5
         ticks = np.arange(np.ceil(edges[0] / step) * step, edges[-1] + 1e-9, step)
         axes.set_xticks(ticks if ticks.size else edges)
         if last:

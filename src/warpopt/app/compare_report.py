@@ -142,14 +142,18 @@ def _losses(c: "Compared") -> str:
         worse, none = where_text(c, "worse", name), where_text(c, "undefined", name)
         clauses = []
         if worse:
-            clauses.append(f"is worse than no warp for {worse}")
+            clauses.append(f"is worse than no warp {_for(worse)}")
         if none:
-            clauses.append(f"yields no lambda > 0 for {none}")
+            clauses.append(f"yields no lambda > 0 {_for(none)}")
         if clauses:
             lines.append(f"- {rule_title(name)} {' and '.join(clauses)}.")
     if not lines:
         return "No rule is worse than no warp anywhere.\n"
     return "\n".join(lines) + "\n"
+
+
+def _for(where: str) -> str:
+    return where if where.startswith("at ") else f"for {where}"
 
 
 def _table(c: "Compared") -> str:
