@@ -2,6 +2,7 @@
 
 import csv
 import math
+import types
 from pathlib import Path
 
 import jax
@@ -12,6 +13,7 @@ from scene_cases import BOX, strict, toml
 
 import warpopt
 from warpopt.app import cli
+from warpopt.compare import scene_comparison
 from warpopt.compare.rule_set import KNOWN
 from warpopt.rules import Body
 
@@ -128,6 +130,23 @@ def test_a_body_that_is_the_frustum_gives_the_frustum_s_warps():
     for got, expected in pairs:
         np.testing.assert_allclose(got.eta, expected.eta, rtol=1000 * EPS)
         np.testing.assert_array_equal(got.defined, expected.defined)
+
+
+@pytest.mark.parametrize(
+    ("receivers", "near", "far"),
+    [
+        (None, 1.0, 100.0),
+        (warpopt.DepthBuffer(np.array([[7.0, 0.0], [30.0, 200.0]])), 7.0, 30.0),  # 0 and beyond far: background
+        (warpopt.DepthHistogram((0.5, 2.0, 9.0, 40.0), (0.0, 3.0, 1.0)), 2.0, 40.0),
+        (warpopt.PointReceivers([[0, 2, -7.0], [0, 2, -30.0], [0, 2, 5.0]]), 7.0, 30.0),  # the last is behind
+    ],
+)
+def test_rules_are_told_the_nearest_and_farthest_depth_that_is_seen(receivers, near, far):
+    ahead = warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=0.45)
+    extent = types.SimpleNamespace(start=3.0, mu=20.0)
+    body = scene_comparison._body(ahead, receivers, extent, warpopt.ViewFrustum(1.0, 100.0, 0.45))
+    assert (float(body.near), float(body.far)) == (pytest.approx(near, rel=4 * EPS), pytest.approx(far, rel=4 * EPS))
+    assert (body.start, body.mu, float(body.half_fov)) == (3.0, 20.0, 0.45)
 
 
 def test_an_empty_scene_and_bad_lights():
