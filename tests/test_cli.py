@@ -12,6 +12,7 @@ import pytest
 
 import warpopt
 from warpopt.app import cli, run
+from warpopt.app.compare_config import CompareConfig, SceneCompareConfig
 from warpopt.app.config import ConfigError, RunConfig, read_config
 from warpopt.app.scene_config import SceneConfig
 from warpopt.app.table_config import TableConfig
@@ -101,6 +102,8 @@ def test_overrides_of_any_key(folder):
 def test_shipped_configs_are_valid_and_say_what_they_answer(name):
     text = (CONFIGS / name).read_text()
     model = SceneConfig if "[camera]" in text else TableConfig if "max_regret" in text else RunConfig
+    if "[rules]" in text:
+        model = SceneCompareConfig if "[camera]" in text else CompareConfig
     assert isinstance(read_config(CONFIGS / name, [], model), model)
     first = text.split("\n[")[0]
     assert first.startswith("# ")
@@ -245,7 +248,8 @@ def test_help_and_refusals_do_not_wait_for_jax():
         "except SystemExit as e:\n    print('code', e.code)\n"
         "print('jax' in sys.modules)\n"
     )
-    refused = (["run", "nowhere.toml"], 2), (["table", "nowhere.toml"], 2), (["export", "nowhere.toml", "--to", "c"], 2)
+    refused = [([command, "nowhere.toml"], 2) for command in ("run", "table", "compare")]
+    refused.append((["export", "nowhere.toml", "--to", "c"], 2))
     for arguments, code_expected in ((["--help"], 0), *refused):
         result = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
         assert result.stdout.splitlines()[-2:] == [f"code {code_expected}", "False"]

@@ -10,6 +10,9 @@ __version__ = "0.1.0"
 
 _HOME = {
     "rules": "",
+    "Comparison": "compare.comparison",
+    "compare_rules": "compare.comparison",
+    "compare_scene_rules": "compare.scene_comparison",
     "ConvexBody": "receivers.convex_body",
     "DepthBuffer": "receivers.depth_buffer",
     "DepthHistogram": "receivers.depth_histogram",
@@ -26,6 +29,7 @@ _HOME = {
     "Outcome": "solve.outcome",
     "scene_limit": "solve.scene_limit",
     "SceneSolution": "solve.scene_warp",
+    "scene_error_norm": "solve.scene_warp",
     "scene_warp": "solve.scene_warp",
     "LambdaTable": "table.lambda_table",
     "LimitMap": "table.limit_map",
@@ -50,6 +54,8 @@ __all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 
 if TYPE_CHECKING:
     from . import rules
+    from .compare.comparison import Comparison, compare_rules
+    from .compare.scene_comparison import compare_scene_rules
     from .receivers.convex_body import ConvexBody
     from .receivers.depth_buffer import DepthBuffer
     from .receivers.depth_histogram import DepthHistogram
@@ -60,7 +66,7 @@ if TYPE_CHECKING:
     from .solve.optimal_warp import Solution, compare_warps, error_norm, optimal_warp
     from .solve.outcome import Outcome
     from .solve.scene_limit import scene_limit
-    from .solve.scene_warp import SceneSolution, scene_warp
+    from .solve.scene_warp import SceneSolution, scene_error_norm, scene_warp
     from .table.build import build_table
     from .table.lambda_table import LambdaTable
     from .table.limit_map import LimitMap, limit_map

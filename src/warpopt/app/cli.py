@@ -50,6 +50,17 @@ class Table:
 
 
 @dataclasses.dataclass(frozen=True)
+class Compare:
+    """Compare rules for lambda (published, engines', yours) with the optimum and the limit, over a frustum or a scene.
+
+    Any key can be overridden after it, as for `run`. `warpopt schema --of compare` lists the keys.
+    """
+
+    config: tyro.conf.Positional[Path]
+    """TOML file, for example configs/compare.toml."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Export:
     """Source code for engines, from a table or of the closed form."""
 
@@ -99,7 +110,7 @@ class Rules(_OneProblem):
 class Schema:
     """A configuration's JSON schema."""
 
-    of: Literal["run", "scene", "table"] = "run"
+    of: Literal["run", "scene", "table", "compare"] = "run"
     """The command that reads the configuration."""
 
 
@@ -109,6 +120,7 @@ def main(arguments: list[str] | None = None) -> None:
         Annotated[Run, tyro.conf.subcommand("run")]
         | Annotated[Scene, tyro.conf.subcommand("scene")]
         | Annotated[Table, tyro.conf.subcommand("table")]
+        | Annotated[Compare, tyro.conf.subcommand("compare")]
         | Annotated[Export, tyro.conf.subcommand("export")]
         | Annotated[Solve, tyro.conf.subcommand("solve")]
         | Annotated[Rules, tyro.conf.subcommand("rules")]
@@ -123,7 +135,7 @@ def main(arguments: list[str] | None = None) -> None:
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        if rest and not isinstance(command, Run | Scene | Table):
+        if rest and not isinstance(command, Run | Scene | Table | Compare):
             raise ConfigError(f"unknown argument(s): {' '.join(rest)}")
         _dispatch(command, rest)
     except ConfigError as error:
@@ -140,17 +152,23 @@ def main(arguments: list[str] | None = None) -> None:
         raise SystemExit(130) from None
 
 
-def _dispatch(command: Run | Scene | Table | Export | Solve | Rules | Schema, rest: list[str]) -> None:
+def _dispatch(command: Run | Scene | Table | Compare | Export | Solve | Rules | Schema, rest: list[str]) -> None:
     if isinstance(command, Schema):
         import json
 
+        import pydantic
+
+        from .compare_config import CompareConfig, SceneCompareConfig
         from .scene_config import SceneConfig
         from .table_config import TableConfig
 
-        model = {"run": RunConfig, "scene": SceneConfig, "table": TableConfig}[command.of]
-        print(json.dumps(model.model_json_schema(), indent=2))
+        compare = CompareConfig | SceneCompareConfig
+        model = {"run": RunConfig, "scene": SceneConfig, "table": TableConfig, "compare": compare}[command.of]
+        print(json.dumps(pydantic.TypeAdapter(model).json_schema(), indent=2))
     elif isinstance(command, Table):
         raise SystemExit(_table(command.config, rest))
+    elif isinstance(command, Compare):
+        raise SystemExit(_compare(command.config, rest))
     elif isinstance(command, Export):
         from .export_config import ExportRequest
 
@@ -232,6 +250,22 @@ def _table(path: Path, overrides: list[str]) -> int:
     from .table import run_table
 
     return run_table(config)
+
+
+def _compare(path: Path, overrides: list[str]) -> int:
+    from .compare_config import SceneCompareConfig, check_modules, own_rules, read_compare_config
+    from .scene_input import read_scene
+    from .writing import check_replaceable
+
+    config = read_compare_config(path, overrides)
+    check_replaceable(config.output.directory)
+    check_modules(config.rules, path.parent)
+    scene = read_scene(config, path.parent) if isinstance(config, SceneCompareConfig) else None
+    prepare_jax()
+    own = own_rules(config.rules, path.parent)
+    from .compare import run_compare
+
+    return run_compare(config, own, scene)
 
 
 def prepare_jax(devices: int | None = None) -> None:

@@ -229,13 +229,22 @@ def read_config(path: Path, overrides: list[str], model: type[pydantic.BaseModel
     Raises:
         ConfigError: a file that is missing or not TOML, a malformed override, or any flaw of the whole.
     """
+    return validated(model, read_data(path, overrides), str(path))
+
+
+def read_data(path: Path, overrides: list[str]) -> dict[str, Any]:
+    """The file's tables with the overrides laid over them, not validated.
+
+    Raises:
+        ConfigError: a file that is missing or not TOML, or a malformed override.
+    """
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not a TOML file: {error}") from None
-    return validated(model, _overridden(data, overrides), str(path))
+    return _overridden(data, overrides)
 
 
 def _overridden(data: dict[str, Any], overrides: list[str]) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Rules for lambda that the literature and engines offer, to compare the optimum with."""
 
+from .body import Body
 from .engines import (
     filament,
     lispsm_paper,
@@ -25,6 +26,7 @@ ENGINES = {
 __all__ = [
     "ENGINES",
     "PUBLISHED",
+    "Body",
     "filament",
     "lispsm",
     "lispsm_paper",

@@ -1,4 +1,4 @@
-"""The rules for lambda that engines use: functions (frustum, theta, ...) -> Warp, with the whole frustum as the body.
+"""The rules for lambda that engines use: functions (frustum, theta, ...) -> Warp; a `Body` may stand for the frustum.
 
 Each as in the source file named, at the commit named, rewritten as mathematics; the defaults are the engine's. A guard
 of the engine's ("uniform") gives no warp; a rule that yields no lambda > 0 gives no warp with `Warp.defined` False.
@@ -20,6 +20,7 @@ from .._numerics import larger, smaller
 from ..theory.frustum import ViewFrustum
 from ..theory.light_space import LightSpace, checked_theta
 from ..theory.warp import Warp
+from .body import BodySpace, space_of
 
 
 def lispsm_paper(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
@@ -34,7 +35,7 @@ def lispsm_paper(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
         >>> [round(float(lispsm_paper(frustum, theta).lam), 2) for theta in (1.5708, 0.1745329)]
         [11.0, 31.99]
     """
-    space = _space(frustum, theta)
+    space = space_of(frustum, theta)
     reach = space.mu_over_near * space.sin_theta
     return Warp.from_range_ratio(reach / (1 + jnp.sqrt(1 + reach)), space.mu)
 
@@ -62,7 +63,7 @@ def filament(frustum: ViewFrustum, theta: ArrayLike, near_hint: float = 1.0, far
     """
     near_hint = _parameter("near_hint", near_hint, frustum, lambda v: (v >= 0) & (v < jnp.inf), "a finite length >= 0")
     far_hint = _parameter("far_hint", far_hint, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite length > 0")
-    space = _space(frustum, theta)
+    space = space_of(frustum, theta)
     s, m, x = space.sin_theta, space.mu_over_near, space.depth_range
     h = larger(near_hint - space.near, 0) / space.near
     last = smaller(smaller(1 + x, far_hint / space.near), 1 + m * s)
@@ -87,7 +88,7 @@ def osg_lispsm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
         >>> [round(float(rule(frustum, 0.7853981633974483).lam), 2) for rule in (osg_lispsm, osg_lispsm_corrected)]
         [16.35, 12.92]
     """
-    space = _space(frustum, theta)
+    space = space_of(frustum, theta)
     square = space.sin_theta**2
     reach = space.mu_over_near * square
     # times s^2, so that theta = 0 (lambda = inf) is a value like any other
@@ -108,7 +109,7 @@ def osg_lispsm_corrected(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
         >>> bool(osg_lispsm_corrected(frustum, 0.2).defined)
         False
     """
-    space = _space(frustum, theta)
+    space = space_of(frustum, theta)
     s = space.sin_theta
     return _from_product(space, jnp.sqrt(1 + space.mu_over_near * s) + s * (space.minimum_depth / space.near), s)
 
@@ -133,7 +134,7 @@ def osg_vdsm(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: float = 0.0
         [2.475, 12.375]
     """
     r = _parameter("near_far_ratio", near_far_ratio, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite number > 0")
-    space = _space(frustum, theta)
+    space = space_of(frustum, theta)
     s = space.sin_theta
     warps = s >= math.sin(math.radians(2))
     cotangent = _cosine(space) / jnp.where(warps, s, 1)
@@ -176,7 +177,7 @@ def ogre(frustum: ViewFrustum, theta: ArrayLike, adjust: float = 0.1, threshold:
     """
     k = _parameter("adjust", adjust, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite number > 0")
     angle = _parameter("threshold", threshold, frustum, lambda v: (v > 0) & (v < math.pi / 2), "radians in (0, pi/2)")
-    space = _space(frustum, theta)
+    space = space_of(frustum, theta)
     c = jnp.cos(angle)
     # 1 - c without its cancellation for small angles
     tweak = 1 + 20 * larger(_cosine(space) - c, 0) / (2 * jnp.sin(angle / 2) ** 2)
@@ -201,7 +202,7 @@ def veloren(frustum: ViewFrustum, theta: ArrayLike, at_phi: float = -0.2, span: 
     """
     at_phi = _parameter("at_phi", at_phi, frustum, lambda v: (v > -1) & (v <= 0), "a number in (-1, 0]")
     span = _parameter("span", span, frustum, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
-    space = _space(frustum, theta)
+    space = space_of(frustum, theta)
     phi, theta = frustum.half_fov, checked_theta(theta, frustum)
     angle = jnp.where(space.mirrored, math.pi - theta, theta)
     low = jnp.clip((angle - phi / 3) / (2 * phi / 3), 0, 1) * (math.pi / 2)
@@ -241,7 +242,7 @@ def tsm_xray(
     delta = _parameter("delta", delta, frustum, lambda v: (v > 0) & (v < 1), "a number in (0, 1)")
     xi = _parameter("xi", xi, frustum, lambda v: (v > -1) & (v < 1), "a number in (-1, 1)")
     cutoff = _parameter("cutoff", cutoff, frustum, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
-    space = _space(frustum, theta)
+    space = space_of(frustum, theta)
     ratio = jnp.broadcast_to((1 - xi - 2 * delta) / (delta * (1 + xi)), space.mu.shape)
     return _guarded(space, _cosine(space) < cutoff, ratio)
 
@@ -263,11 +264,7 @@ def tsm_dagor(
     return tsm_xray(frustum, theta, delta, xi, cutoff)
 
 
-def _space(frustum: ViewFrustum, theta: ArrayLike) -> LightSpace:
-    return LightSpace(frustum, checked_theta(theta, frustum))
-
-
-def _cosine(space: LightSpace) -> Float[Array, "..."]:
+def _cosine(space: LightSpace | BodySpace) -> Float[Array, "..."]:
     """|cos(theta)|."""
     return space.slope / space.tan_phi
 
@@ -276,13 +273,13 @@ def _parameter(name: str, value: ArrayLike, frustum: ViewFrustum, valid, expecte
     return checked(name, jnp.asarray(value, frustum.near.dtype), valid, expected)
 
 
-def _guarded(space: LightSpace, warps: Array, ratio: Array) -> Warp:
+def _guarded(space: LightSpace | BodySpace, warps: Array, ratio: Array) -> Warp:
     """The warp of mu / lambda where the engine warps at all; undefined where that is negative."""
     ratio = jnp.where(warps, ratio, 0)
     return Warp.from_range_ratio(ratio, space.mu, ratio >= 0)
 
 
-def _from_product(space: LightSpace, product: Array, factor: Array) -> Warp:
+def _from_product(space: LightSpace | BodySpace, product: Array, factor: Array) -> Warp:
     """The warp of lambda factor / n, for a factor >= 0; undefined unless that is positive."""
     positive = product > 0
     return Warp.from_range_ratio(space.mu_over_near * factor / jnp.where(positive, product, 1), space.mu, positive)

@@ -1,4 +1,4 @@
-"""The published rules for lambda: functions (frustum, theta) -> Warp.
+"""The published rules for lambda: functions (frustum, theta) -> Warp; all but the last take a `Body` for the frustum.
 
 A rule that yields no lambda > 0 returns no warp with `Warp.defined` False. Each raises a ValueError for theta outside
 [0, pi]. Written through mu / lambda, which is finite for every rule and zero for no warp.
@@ -12,15 +12,12 @@ from .._checks import checked
 from .._numerics import smaller
 from ..solve.sign_change import on_lanes, positive_root
 from ..theory.frustum import ViewFrustum
-from ..theory.light_space import LightSpace, checked_theta
+from ..theory.light_space import LightSpace
 from ..theory.warp import Warp
+from .body import BodySpace, axis_depths, space_of
 
 
-def _space(frustum: ViewFrustum, theta: ArrayLike) -> LightSpace:
-    return LightSpace(frustum, checked_theta(theta, frustum))
-
-
-def _from_lam_over_near(space: LightSpace, lam: Float[Array, "..."]) -> Warp:
+def _from_lam_over_near(space: LightSpace | BodySpace, lam: Float[Array, "..."]) -> Warp:
     """The warp of a rule's lambda / near; no warp, flagged, unless it is positive."""
     positive = lam > 0
     return Warp.from_range_ratio(space.mu_over_near / jnp.where(positive, lam, 1), space.mu, positive)
@@ -35,7 +32,7 @@ def ssm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
         >>> float(ssm(frustum, 1.0).eta)
         1.0
     """
-    space = _space(frustum, theta)
+    space = space_of(frustum, theta)
     return Warp.from_range_ratio(jnp.zeros_like(space.mu), space.mu)
 
 
@@ -51,7 +48,7 @@ def psm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
         >>> round(float(warp.lam[0]), 3), warp.defined.tolist()
         (1.0, [True, False])
     """
-    space = _space(frustum, theta)
+    space = space_of(frustum, theta)
     return _from_lam_over_near(space, space.a_plus)
 
 
@@ -64,7 +61,7 @@ def lispsm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
         >>> round(float(warpopt.rules.lispsm(frustum, 1.5707963).lam), 3)
         11.0
     """
-    space = _space(frustum, theta)
+    space = space_of(frustum, theta)
     # sqrt(f n) / n; the product f n could overflow
     ratio = space.mu_over_near * space.sin_theta / (1 + jnp.sqrt(1 + space.depth_range))
     return Warp.from_range_ratio(ratio, space.mu)
@@ -81,7 +78,7 @@ def scherzer(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
         >>> round(float(scherzer(frustum, 1.5707963).lam), 3)
         11.0
     """
-    space = _space(frustum, theta)
+    space = space_of(frustum, theta)
     s = space.sin_theta
     # multiplied by sin(theta), so that theta = 0 (lambda = inf) is a value like any other
     lam_sin = 1 + jnp.sqrt(1 + space.mu_over_near) + s * (space.minimum_depth / space.near - 1)
@@ -102,7 +99,7 @@ def minimum_norm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
         >>> round(float(minimum_norm(frustum, 1.0471976).lam), 3)
         9.238
     """
-    space = _space(frustum, theta)
+    space = space_of(frustum, theta)
     lam = space.minimum_depth / space.near + space.sin_theta * jnp.sqrt(1 + space.depth_range)
     return _from_lam_over_near(space, lam)
 
@@ -122,8 +119,8 @@ def tsm(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5, xi: float = 
         33.0
     """
     kappa, xi = _fractions(frustum, kappa, xi)
-    space = _space(frustum, theta)
-    near, far = space.edge(0.5)
+    space = space_of(frustum, theta)
+    near, far = axis_depths(space)
     depth = (1 - kappa) * near.delta + kappa * far.delta
     ratio = (xi - depth) / (depth * (1 - xi))
     return Warp.from_range_ratio(ratio, space.mu, ratio >= 0)
@@ -146,7 +143,7 @@ def tsm_alternative(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5) 
         [1.0, 0.496]
     """
     kappa, _ = _fractions(frustum, kappa, 0.5)
-    space = _space(frustum, theta)
+    space = space_of(frustum, theta)
     p, q, m = (
         [(1 - kappa) * near + kappa * far for near, far in zip(*space.edge(u), strict=True)] for u in (0.0, 1.0, 0.5)
     )

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
-from .._checks import instance
+from .._checks import checked, instance
 from .._numerics import larger, power
 from ..receivers.footprint import Footprint, Receivers
 from ..receivers.view_frustum import WholeFrustum
@@ -122,13 +122,53 @@ def scene_warp(
         >>> round(float(solution.warp.lam), 3)   # n + sqrt(f n), LiSPSM's, with the light from above
         11.0
     """
+    receivers, norms, resolutions = checked_problem(camera, light, receivers, metric, norm, screen, shadow_map)
+    if not (isinstance(min_eta, int | float) and 0 < min_eta < 1):
+        raise ValueError(f"min_eta: got {min_eta!r}, expected a number in (0, 1)")
+    solution = _solve(camera, light, receivers, norms, *resolutions, float(min_eta))
+    return _raised(solution) if throw else solution
+
+
+def scene_error_norm(
+    camera: Camera,
+    light: DirectionalLight,
+    receivers: Receivers | None,
+    eta: ArrayLike,
+    metric: str | Metric = "p",
+    norm: str | float = "inf",
+    *,
+    screen: tuple[int, int] | None = None,
+    shadow_map: tuple[int, int] | None = None,
+) -> Float[Array, "..."]:
+    """The norm of an aliasing error over the receivers, for any warp: what `scene_warp` minimises.
+
+    Args:
+        eta: warps over the receivers' own depth range (`Footprint.start`, `Footprint.mu`), of any shape.
+        camera, light, receivers, metric, norm, screen, shadow_map: as in `scene_warp`.
+
+    Raises:
+        ValueError: as `scene_warp`, or eta outside (0, 1].
+
+    Example:
+        >>> import warpopt
+        >>> camera = warpopt.Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=0.5236)
+        >>> light = warpopt.DirectionalLight((0, -1, 0))
+        >>> unwarped, lispsm = scene_error_norm(camera, light, None, (1.0, 0.1))
+        >>> round(float(unwarped / lispsm), 3)
+        10.0
+    """
+    receivers, norms, resolutions = checked_problem(camera, light, receivers, metric, norm, screen, shadow_map)
+    eta = checked("eta", jnp.asarray(eta, camera.near.dtype), lambda v: (v > 0) & (v <= 1), "numbers in (0, 1]")
+    return _norm_of(camera, light, receivers, eta, norms, *resolutions)
+
+
+def checked_problem(camera, light, receivers, metric, norm, screen, shadow_map):
+    """(receivers, norms, resolutions), with everything refused that `scene_warp` refuses of them."""
     instance("camera", camera, Camera)
     instance("light", light, DirectionalLight)
     receivers = WholeFrustum() if receivers is None else receivers
     if not hasattr(receivers, "footprint"):
         raise ValueError(f"receivers: got {type(receivers).__name__}, expected WholeFrustum, ConvexBody or the like")
-    if not (isinstance(min_eta, int | float) and 0 < min_eta < 1):
-        raise ValueError(f"min_eta: got {min_eta!r}, expected a number in (0, 1)")
     measure = getattr(receivers, "measure", "screen")
     metrics = (Metric(1.0, 0.0), Metric(0.0, 1.0)) if metric == "max" else (Metric.of(metric),)
     norms = tuple(ErrorNorm.of(one, norm, measure) for one in metrics)
@@ -137,17 +177,32 @@ def scene_warp(
     degree = norms[0].blend_degree
     if not (math.isinf(degree) or degree == round(degree)):
         raise ValueError(f"norm: got order {norms[0].order:g}, expected one with (2 alpha + beta) order an integer")
-    resolutions = tuple(tuple(r) if isinstance(r, list) else r for r in (screen, shadow_map))
-    solution = _solve(camera, light, receivers, norms, *resolutions, float(min_eta))
-    return _raised(solution) if throw else solution
+    return receivers, norms, tuple(tuple(r) if isinstance(r, list) else r for r in (screen, shadow_map))
+
+
+def _log_norm(footprint: Footprint, frame: LightFrame, norms: tuple[ErrorNorm, ...]) -> LogNorm:
+    terms = tuple(_term(footprint, frame, norm) for norm in norms)
+    return LogNorm(footprint, terms, None if norms[0].supremum else norms[0])
+
+
+def norms_at(footprint: Footprint, frame: LightFrame, norms: tuple[ErrorNorm, ...], eta: Array) -> Array:
+    """The norm for every eta over a footprint that was made for `norms`; 0 for no receivers."""
+    log_norm = _log_norm(footprint, frame, norms)
+    values = jax.vmap(lambda u: value_at(log_norm, u))(jnp.log(eta).ravel())
+    return jnp.where(footprint.empty, 0, values).reshape(eta.shape)
+
+
+@functools.partial(jax.jit, static_argnames=("norms", "screen", "shadow_map"))
+def _norm_of(camera, light, receivers, eta, norms, screen, shadow_map) -> Array:
+    frame = LightFrame(camera, light, screen, shadow_map)
+    return norms_at(receivers.footprint(camera, frame, norms[0]), frame, norms, eta)
 
 
 @functools.partial(jax.jit, static_argnames=("norms", "screen", "shadow_map", "min_eta"))
 def _solve(camera, light, receivers, norms, screen, shadow_map, min_eta) -> SceneSolution:
     frame = LightFrame(camera, light, screen, shadow_map)
     footprint = receivers.footprint(camera, frame, norms[0])
-    terms = tuple(_term(footprint, frame, norm) for norm in norms)
-    log_norm = LogNorm(footprint, terms, None if norms[0].supremum else norms[0])
+    log_norm = _log_norm(footprint, frame, norms)
     optimum = minimise(log_norm, min_eta)
     value, unwarped = value_at(log_norm, optimum.log_eta), value_at(log_norm, jnp.zeros_like(optimum.log_eta))
     excess = jnp.zeros_like(value)

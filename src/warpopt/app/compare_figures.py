@@ -1,0 +1,287 @@
+"""The figures of a comparison: a map of rules against directions, and curves where there are few enough of them."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
+
+from . import figure_style as style
+from .compare_report import rule_title
+from .figures import save
+
+if TYPE_CHECKING:
+    from .compare import Compared
+
+MOST_CURVES = 12
+MOST_PANELS = 6
+_WORSE, _WORSE_INK = "#f6dfd6", "#a0522d"
+_YOURS = "#c2185b"
+_LIMIT = {"color": "black", "linewidth": 1.3, "linestyle": (0, (1, 1.4))}
+# Muted, so that the published rules and the user's own stand out; by brightness too.
+_ENGINE_COLOURS = (
+    "#7d5a4f", "#4f8a8b", "#a8963a", "#9b6b9e", "#5f7f4f", "#c08552", "#6b7fa8", "#b5838d", "#4a4e69", "#8fb08c",
+)  # fmt: skip
+_LONGEST = 24  # letters of a rule's name
+_AT_EDGE = 0.9  # of the axis: curves that end beyond are named at its right
+_LEVELS = (1.0, 1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
+_SHADES = ("#f7fbf3", "#fdf3cf", "#fbdf9d", "#f7bd6a", "#ee9150", "#d9603f", "#b2332f", "#7a1226")
+_UNDEFINED = "#d9d9d9"
+
+
+def write_compare_figures(compared: list["Compared"], folder: Path) -> list[tuple[str, str]]:
+    """Write the figures as PNG and SVG.
+
+    Returns:
+        (stem, caption) of each.
+    """
+    first = compared[0].result
+    figures = []
+    if first.regions is not None and len(first.names) <= MOST_CURVES:
+        figures.append(("curves", curves_figure(compared), _curves_caption(compared)))
+    figures.append(("map", map_figure(compared), _map_caption(compared)))
+    for stem, figure, _ in figures:
+        save(figure, folder / stem)
+    return [(stem, caption) for stem, _, caption in figures]
+
+
+def _left_out(compared: list["Compared"]) -> str:
+    more = len(compared) - MOST_PANELS
+    return f" {more} more objective(s) of the run are not shown." if more > 0 else ""
+
+
+def _short(name: str) -> str:
+    """A rule's name where there is little room."""
+    title = rule_title(name).replace("OpenSceneGraph", "OSG")
+    return title if len(title) <= _LONGEST else title[: _LONGEST - 1] + "…"
+
+
+def _title(c: "Compared") -> str:
+    label = style.optimum_label(c.metric, c.norm) if c.metric != "max" else r"max($E_p$, $E_q$)"
+    return label if c.camera is None else f"{label}, camera {c.camera}"
+
+
+def _curves_caption(compared: list["Compared"]) -> str:
+    return (
+        "Each rule's error over the optimum's against the angle between view and light. The black line is the optimum; "
+        "the dotted one below it is the limit, the best that any map of the depth could do, where it is known. In the "
+        "shaded region a rule is worse than no warp. A curve is missing where its rule yields no λ > 0."
+        + _left_out(compared)
+    )
+
+
+def _map_caption(compared: list["Compared"]) -> str:
+    return (
+        "Each rule's error over the optimum's, the best on average at the top, with its mean and its worst to the "
+        "right: the darker, the worse. Hatched: worse than no warp at all. Grey: the rule yields no λ > 0; rules with "
+        "grey stand below the others." + _left_out(compared)
+    )
+
+
+@style.house_style()
+def curves_figure(compared: list["Compared"]) -> Figure:
+    """value / optimum against theta, a panel for each objective, every curve named at its right end."""
+    compared = compared[:MOST_PANELS]
+    columns = min(len(compared), 2)
+    rows = -(-len(compared) // columns)
+    width, height, left, names, gap, down = 3.9, 3.1, 0.62, 1.78, 0.35, 0.42
+    foot = 0.62
+    total = left + columns * (width + names) + (columns - 1) * gap
+    figure = style.new_figure(total, rows * (height + down) + foot)
+    limit = 180.0 if compared[0].result.theta.max() > np.pi / 2 + 1e-9 else 90.0
+    for place, c in enumerate(compared):
+        row, column = divmod(place, columns)
+        x = left + column * (width + names + gap)
+        axes = style.place(figure, x, row * (height + down) + 0.3, width, height)
+        _curves_panel(axes, c, limit)
+        style.theta_axis(axes, limit, label=place + columns >= len(compared))
+        style.beside(axes, _title(c), (0.5, 1), (0, 4), va="bottom", fontsize=9.5)
+        if column == 0:
+            style.beside(axes, "error / optimal error", (0, 0.5), (-36, 0), rotation=90)
+    handles = [Line2D([], [], color="black", linewidth=2.6, label="optimum (= 1)")]
+    if any(c.result.limit is not None for c in compared):
+        handles.append(Line2D([], [], label="limit: no map of the depth is below", **_LIMIT))
+    handles.append(Patch(facecolor=_WORSE, label="worse than no warp"))
+    h = figure.get_size_inches()[1]
+    figure.legend(handles=handles, loc="lower left", bbox_to_anchor=(left / total, 0.06 / h), ncols=3, borderaxespad=0)
+    return figure
+
+
+def _curves_panel(axes: Axes, c: "Compared", limit: float) -> None:
+    r = c.result
+    theta, ratio = np.rad2deg(r.theta), r.ratio
+    share = None if r.limit is None else r.limit / np.where(r.solution.value > 0, r.solution.value, np.nan)
+    low = 0.8 if share is None or np.isnan(share).all() else max(0.05, 0.8 * float(np.nanmin(share)))
+    limits = min(low, 0.8), max(3.0, style.decades(np.r_[ratio.ravel(), r.unwarped_ratio], 0.0, 0.985)[1])
+    style.log_axis(axes, limits)
+    axes.grid(axis="y", which="major", color="#e6e6e6", linewidth=0.6, zorder=0.5)
+    bare = r.unwarped_ratio
+    if len(theta) == 1:
+        axes.fill_between(theta + np.array([-1.5, 1.5]), np.repeat(bare, 2), limits[1], color=_WORSE, linewidth=0)
+    else:
+        axes.fill_between(theta, bare, limits[1], where=np.isfinite(bare), color=_WORSE, linewidth=0, zorder=0)
+    axes.axhline(1, color="black", linewidth=2.6, zorder=2)
+    if share is not None:
+        style.draw_curve(axes, theta, share, "limit", zorder=2, **_LIMIT)
+    engines = [name for name in r.names if name not in style.RULE_COLOURS and rule_title(name) != name]
+    labels = []
+    for i, name in enumerate(r.names):
+        look = _look(name, engines)
+        style.draw_curve(axes, theta, ratio[i], f"rule {name}", **look)
+        there = np.flatnonzero(np.isfinite(ratio[i]))
+        if there.size:
+            labels.append((float(theta[there[-1]]), float(ratio[i, there[-1]]), _short(name), look["color"]))
+    _name_curves(axes, labels, limits, limit)
+
+
+def _look(name: str, engines: list[str]) -> dict:
+    if name == "ssm":
+        return {"color": "#8a8a8a", "linewidth": 2.2, "zorder": 3}
+    if name in style.RULE_COLOURS:
+        return {**style.rule_style(name), "zorder": 5}
+    if name in engines:
+        colour = _ENGINE_COLOURS[engines.index(name) % len(_ENGINE_COLOURS)]
+        return {"color": colour, "linewidth": 1.3, "linestyle": "-", "zorder": 4}
+    return {"color": _YOURS, "linewidth": 2.2, "linestyle": "-", "zorder": 6}
+
+
+def _name_curves(axes: Axes, labels: list[tuple], limits: tuple[float, float], limit: float) -> None:
+    """Names to the right, in the order of the curves' ends, apart enough to be read, with a line to each end."""
+    low, high = np.log10(limits)
+    for theta, value, text, colour in labels:
+        if theta < _AT_EDGE * limit:  # its rule is not defined beyond
+            options = {"textcoords": "offset points", "va": "center", "fontsize": 7.4, "color": colour, "zorder": 7}
+            axes.annotate(text, (theta, value), xytext=(4, 0), annotation_clip=True, **options)
+    labels = sorted((label for label in labels if label[0] >= _AT_EDGE * limit), key=lambda label: label[1])
+    ends = np.clip([(np.log10(value) - low) / (high - low) for _, value, *_ in labels], 0, 1)
+    apart = min(0.058, 1 / max(len(labels), 1))
+    at = ends.copy()
+    for i in range(1, len(at)):
+        at[i] = max(at[i], at[i - 1] + apart)
+    over = at[-1] - 1 if len(at) else 0
+    for i in range(len(at) - 1, -1, -1):
+        if over > 0:
+            at[i] = min(at[i], 1 - (len(at) - 1 - i) * apart)
+    for (theta, _, text, colour), end, y in zip(labels, ends, at, strict=True):
+        xs = [min(theta / limit, 1), 1.0, 1.035]
+        axes.plot(xs, [end, end, y], color=colour, linewidth=0.6, transform=axes.transAxes, clip_on=False, zorder=1.5)
+        axes.text(1.045, y, text, color=colour, fontsize=7.4, va="center", transform=axes.transAxes)
+
+
+@style.house_style()
+def map_figure(compared: list["Compared"]) -> Figure:
+    """value / optimum as colour, a row for each rule, the best at the top; a panel for each objective."""
+    compared = compared[:MOST_PANELS]
+    count = len(compared[0].result.names)
+    columns = min(len(compared), 2)
+    rows = -(-len(compared) // columns)
+    width, cell, left, numbers, down = 3.3, 0.2, 1.95, 0.95, 0.52
+    height = cell * count
+    scene = compared[0].result.regions is None
+    foot = 0.95 if scene else 0.85
+    if columns == 1:
+        foot += 0.2  # the legend has more lines
+    total = columns * (left + width + numbers)
+    figure = style.new_figure(total, rows * (height + down) + foot)
+    for place, c in enumerate(compared):
+        row, column = divmod(place, columns)
+        x = left + column * (left + width + numbers)
+        axes = style.place(figure, x, row * (height + down) + 0.42, width, height)
+        _map_panel(axes, c, last=place + columns >= len(compared))
+    _map_legend(figure, left, total)
+    return figure
+
+
+def _order(c: "Compared") -> list[str]:
+    r = c.result
+    ranking = r.ranking()
+    rest = [name for name in r.names if name not in ranking]
+    return [*ranking, *sorted(rest, key=lambda name: np.nan_to_num(r.mean(name), nan=np.inf))]
+
+
+def _edges(c: "Compared") -> np.ndarray:
+    r = c.result
+    if r.regions is None:
+        return np.arange(len(r.theta) + 1) - 0.5
+    theta = np.rad2deg(r.theta)
+    if len(theta) == 1:
+        return theta + np.array([-1.0, 1.0])
+    middle = (theta[1:] + theta[:-1]) / 2
+    return np.r_[theta[0], middle, theta[-1]]
+
+
+def _map_panel(axes: Axes, c: "Compared", last: bool) -> None:
+    r = c.result
+    order = _order(c)
+    index = [r.names.index(name) for name in order]
+    edges = _edges(c)
+    ratio = np.ma.masked_invalid(np.maximum(r.ratio[index], 1))
+    colours = ListedColormap(_SHADES[:-1]).with_extremes(over=_SHADES[-1], bad=_UNDEFINED)
+    axes.pcolormesh(
+        edges, np.arange(len(order) + 1) - 0.5, ratio, cmap=colours, norm=BoundaryNorm(_LEVELS, len(_LEVELS) - 1),
+        rasterized=True,
+    )  # fmt: skip
+    for row, i in enumerate(index):
+        # white where the cells are dark
+        dark = r.ratio[i] > _LEVELS[5]
+        for part, ink in ((~dark, "#2b2b2b"), (dark, "#ffffff")):
+            for start, stop in np.flatnonzero(np.diff(np.r_[False, r.worse[i] & part, False])).reshape(-1, 2):
+                place, size = (edges[start], row - 0.5), edges[stop] - edges[start]
+                look = {"fill": False, "hatch": "//////", "linewidth": 0, "edgecolor": ink, "zorder": 3}
+                axes.add_patch(Rectangle(place, size, 1, **look))
+        name = order[row]
+        worst, _ = r.worst(name)
+        numbers = ("–", "–") if np.isnan(worst) else (_number(r.mean(name)), _number(worst))
+        for x, text in zip((1.13, 1.27), numbers, strict=True):
+            axes.text(
+                x, 1 - (row + 0.5) / len(order), text, transform=axes.transAxes, ha="right", va="center", fontsize=7.4
+            )
+    axes.hlines(np.arange(1, len(order)) - 0.5, edges[0], edges[-1], color="white", linewidth=1.2, zorder=4)
+    for x, text in ((1.13, "mean"), (1.27, "worst")):
+        style.beside(axes, text, (x, 1), (0, 3), ha="right", va="bottom", fontsize=7.0, color=style.MUTED)
+    axes.set_ylim(len(order) - 0.5, -0.5)
+    axes.set_xlim(edges[0], edges[-1])
+    own = [rule_title(name) == name for name in order]
+    axes.set_yticks(range(len(order)), [_short(name) for name in order])
+    for label, mine in zip(axes.get_yticklabels(), own, strict=True):
+        label.set_color(_YOURS if mine else style.INK)
+    axes.tick_params(axis="y", length=0)
+    style.beside(axes, _title(c), (0.5, 1), (0, 4), va="bottom", fontsize=9.5)
+    if r.regions is None:
+        every = -(-len(r.theta) // 8)
+        ticks = range(0, len(r.theta), every)
+        axes.set_xticks(ticks, [f"{k}\n{np.rad2deg(r.theta[k]):.0f}°" for k in ticks])
+        if last:
+            style.beside(axes, "light, and its angle θ to the view", (0.5, 0), (0, -28), va="top")
+    else:
+        span = edges[-1] - edges[0]
+        step = 30 if span > 90 else 15 if span > 45 else 5
+        ticks = np.arange(np.ceil(edges[0] / step) * step, edges[-1] + 1e-9, step)
+        axes.set_xticks(ticks if ticks.size else edges)
+        if last:
+            style.beside(axes, "θ, angle between view and light (degrees)", (0.5, 0), (0, -17), va="top")
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
+
+
+def _map_legend(figure: Figure, left: float, total: float) -> None:
+    labels = [f"to {high:g}" for high in _LEVELS[1:]] + [f"over {_LEVELS[-1]:g}"]
+    handles = [
+        Patch(facecolor=s, edgecolor="#999999", linewidth=0.4, label=t) for s, t in zip(_SHADES, labels, strict=True)
+    ]
+    handles.append(
+        Patch(facecolor="white", edgecolor="#2b2b2b", hatch="//////", linewidth=0, label="worse than no warp")
+    )
+    handles.append(Patch(facecolor=_UNDEFINED, label="not defined"))
+    columns = len(handles) if total > 8 else 4
+    figure.legend(
+        handles=handles, loc="lower center", bbox_to_anchor=(0.5, 0.06 / figure.get_size_inches()[1]), ncols=columns,
+        handlelength=1.3, handletextpad=0.4, columnspacing=1.1, borderaxespad=0, fontsize=7.4,
+        title="error / optimal error", title_fontsize=7.4,
+    )  # fmt: skip

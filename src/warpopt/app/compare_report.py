@@ -1,0 +1,178 @@
+"""`report.md` of a comparison: a ranking in words, and the table."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .compare_config import CompareConfig, SceneCompareConfig
+from .report import TITLES
+
+if TYPE_CHECKING:
+    from .compare import Compared
+
+_ENGINES = {
+    "lispsm_paper": "LiSPSM (2004 paper)",
+    "filament": "Filament",
+    "osg_lispsm": "OpenSceneGraph LiSPSM",
+    "osg_lispsm_corrected": "OpenSceneGraph LiSPSM, corrected",
+    "osg_vdsm": "OpenSceneGraph VDSM",
+    "openmw": "OpenMW",
+    "ogre": "OGRE",
+    "veloren": "Veloren",
+    "tsm_xray": "X-Ray TSM",
+    "tsm_dagor": "Dagor TSM",
+}
+_POINT = 1e-5  # degrees: a shorter interval is one direction, such as theta = 0
+
+
+def rule_title(name: str) -> str:
+    """A rule's name for people; a user's is its own."""
+    return (TITLES | _ENGINES).get(name, name)
+
+
+def intervals_text(intervals: tuple[tuple[float, float], ...]) -> str:
+    """Intervals in radians as "0 to 7.13 deg, at 90 deg"; empty if there are none."""
+    words = []
+    for low, high in np.rad2deg(np.array(intervals)).reshape(-1, 2).tolist():
+        words.append(f"at {_angle(low)} deg" if high - low < _POINT else f"{_angle(low)} to {_angle(high)} deg")
+    return ", ".join(words)
+
+
+def _angle(degrees: float) -> str:
+    return f"{degrees if degrees > _POINT else 0:.4g}"
+
+
+def where_text(c: "Compared", kind: str, name: str) -> str:
+    """Where a rule is "worse" than no warp, gives "no_warp", or is "undefined"; empty if nowhere."""
+    r = c.result
+    if r.regions is not None:
+        return intervals_text(r.regions[kind][name])
+    i = r.names.index(name)
+    masks = {"worse": r.worse, "no_warp": r.defined & (r.eta == 1), "undefined": ~r.defined}
+    lights = np.flatnonzero(masks[kind][i])
+    if len(lights) == len(r.theta):
+        return "every light"
+    return f"{'light' if len(lights) == 1 else 'lights'} {', '.join(map(str, lights))}" if len(lights) else ""
+
+
+def place_text(c: "Compared", at: int) -> str:
+    """A direction in words."""
+    angle = f"{np.rad2deg(c.result.theta[at]):.4g} deg"
+    return angle if c.result.regions is not None else f"{angle}, light {at}"
+
+
+def compare_report(
+    config: CompareConfig | SceneCompareConfig, compared: list["Compared"], figures: list[tuple[str, str]]
+) -> str:
+    """The report as Markdown."""
+    parts = ["# Rules for lambda against the optimum\n", _opening(config)]
+    failures = sum(int(c.result.failed.sum()) for c in compared)
+    if failures:
+        parts.append(f"**{failures} optimum/optima could not be found**; `compare.json` says why.\n")
+    if not compared:
+        parts.append("The sun is below the horizon all the time: there is nothing to compare.\n")
+    if figures:
+        parts.append("## At a glance\n")
+        parts += [f"![{stem}]({stem}.png)\n\n*{caption}*\n" for stem, caption in figures]
+    for c in compared:
+        parts += [f"## {c.title}\n", _verdict(c), _losses(c), _table(c)]
+    return "\n".join(parts)
+
+
+def _opening(config: CompareConfig | SceneCompareConfig) -> str:
+    if isinstance(config, CompareConfig):
+        view = config.view
+        over = (
+            f"The view frustum n = {view.near:g}, f = {view.far:g}, half field of view {view.half_fov_deg:g} deg; "
+            f"norms over the measure `{config.objective.measure}`."
+        )
+    else:
+        kind = next(n for n in type(config.receivers).model_fields if getattr(config.receivers, n) is not None)
+        over = (
+            f"The receivers of a scene ({kind.replace('_', ' ')}). Rules are applied as engines apply them, to the "
+            "receivers' own eye depths and their extent along the warp; your own rules and TSM's alternative, which "
+            "are made for the whole frustum, keep the apex that they have there: lambda over the receivers is lambda "
+            "+ (where the receivers begin) - (where the frustum begins)."
+        )
+    return (
+        f"{over}\n\nAll numbers are multiples of the optimum's error, which is 1. A rule counts where it is defined; "
+        "its mean is over the light directions. Only rules that are defined in every direction are ranked, the least "
+        "mean first. The limit is what the best monotone map of the depth would reach, perspective or not, where it is "
+        "known. `compare.csv` and `compare.json` have every number, `run.json` configuration and versions.\n"
+    )
+
+
+def _verdict(c: "Compared") -> str:
+    """Which rule is best on average and at worst, and what that leaves."""
+    r = c.result
+    ranking = [name for name in r.ranking() if not np.isnan(r.mean(name))]
+    if not ranking:
+        return "No rule is defined in every direction.\n"
+    first, last = ranking[0], ranking[-1]
+    safest = min(ranking, key=lambda name: r.worst(name)[0])
+    worst, at = r.worst(first)
+    words = [
+        f"**{rule_title(first)}** is best on average: {r.mean(first):.3g} times the optimum's error in the mean and "
+        f"{worst:.3g} times at worst ({place_text(c, at)})."
+    ]
+    if safest == first:
+        words.append("It is also the best at worst.")
+    else:
+        worst, at = r.worst(safest)
+        words.append(
+            f"At worst {rule_title(safest)} is best: never more than {worst:.3g} times ({place_text(c, at)}), "
+            f"{r.mean(safest):.3g} in the mean."
+        )
+    if last != first:
+        words.append(f"Last is {rule_title(last)}, with {r.mean(last):.3g} in the mean.")
+    if r.limit is not None:
+        share = np.asarray(r.solution.value) / np.where(r.limit > 0, r.limit, np.nan)
+        if np.isfinite(share).any():
+            words.append(
+                f"The optimum itself is {np.nanmin(share):.3g} to {np.nanmax(share):.3g} times the limit: that is all "
+                "that any other map of the depth could win."
+            )
+    return " ".join(words) + "\n"
+
+
+def _losses(c: "Compared") -> str:
+    """A sentence for each rule that loses to no warp, or does not always give one."""
+    lines = []
+    for name in c.result.names:
+        worse, none = where_text(c, "worse", name), where_text(c, "undefined", name)
+        clauses = []
+        if worse:
+            clauses.append(f"is worse than no warp {_for(worse)}")
+        if none:
+            clauses.append(f"yields no lambda > 0 {_for(none)}")
+        if clauses:
+            lines.append(f"- {rule_title(name)} {' and '.join(clauses)}.")
+    if not lines:
+        return "No rule is worse than no warp anywhere.\n"
+    return "\n".join(lines) + "\n"
+
+
+def _for(where: str) -> str:
+    return where if where.startswith("at ") else f"for {where}"
+
+
+def _table(c: "Compared") -> str:
+    r = c.result
+    ranking = r.ranking()
+    heads = ["", "rule", "mean", "worst", "at", "worst over the limit", "worse than no warp", "no warp", "undefined"]
+    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    rest = sorted((n for n in r.names if n not in ranking), key=lambda n: np.nan_to_num(r.mean(n), nan=np.inf))
+    for place, name in [*enumerate(ranking, 1), *(("", name) for name in rest)]:
+        worst, at = r.worst(name)
+        if at < 0:
+            numbers = ["-"] * 4
+        else:
+            over = "" if r.over_limit is None else f"{_largest(r.over_limit[r.names.index(name)]):.3g}"
+            numbers = [f"{r.mean(name):.3g}", f"{worst:.3g}", place_text(c, at), over]
+        where = [where_text(c, kind, name) for kind in ("worse", "no_warp", "undefined")]
+        lines.append("| " + " | ".join(map(str, [place, rule_title(name), *numbers, *where])) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _largest(values: np.ndarray) -> float:
+    return float(np.nanmax(values)) if np.isfinite(values).any() else float("nan")

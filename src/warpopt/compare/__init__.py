@@ -1,0 +1,1 @@
+"""Rules for lambda beside the optimum and the limit."""

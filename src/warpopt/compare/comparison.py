@@ -1,0 +1,182 @@
+"""Every rule beside the optimum and the limit, over the light directions of one view frustum."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from numpy.typing import NDArray
+
+from ..solve.limit import limit, refuse_unknown
+from ..solve.optimal_warp import Solution, compare_warps
+from ..solve.outcome import Outcome
+from ..solve.scene_warp import SceneSolution
+from ..theory.error_norm import ErrorNorm, Metric
+from ..theory.frustum import ViewFrustum
+from ..theory.light_space import checked_theta
+from ..theory.warp import Warp
+from .regions import Interval, regions
+from .rule_set import Rules, rule_set, warps_of
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Comparison:
+    """Rules beside the optimum: R rules, T light directions.
+
+    Attributes:
+        names: of the rules.
+        theta: (T,) angle between light and view, radians.
+        solution: the optima, (T,).
+        limit: (T,) the least norm that any map of the depth reaches; None where no limit is known.
+        eta: (R, T) of each rule's warp; 1 where it gives no warp, or is not defined.
+        defined: (R, T) False where a rule yields no lambda > 0.
+        values: (R, T) each rule's norm; NaN where it is not defined, or the optimum failed.
+        unwarped: (T,) the norm without a warp.
+        regions: for directions in order, {"worse", "no_warp", "undefined"}: for each rule the intervals of theta
+            (radians, ends bisected) in which it is worse than no warp, gives no warp, or is not defined. None where
+            the directions are those of a list.
+    """
+
+    names: tuple[str, ...]
+    theta: NDArray
+    solution: Solution | SceneSolution
+    limit: NDArray | None
+    eta: NDArray
+    defined: NDArray
+    values: NDArray
+    unwarped: NDArray
+    regions: dict[str, dict[str, tuple[Interval, ...]]] | None
+
+    @property
+    def ratio(self) -> NDArray:
+        """(R, T) value / optimum, at least 1 up to rounding."""
+        return _quotient(self.values, self.solution.value)
+
+    @property
+    def over_limit(self) -> NDArray | None:
+        """(R, T) value / limit."""
+        return None if self.limit is None else _quotient(self.values, self.limit)
+
+    @property
+    def unwarped_ratio(self) -> NDArray:
+        """(T,) the norm without a warp over the optimum."""
+        return _quotient(self.unwarped, self.solution.value)
+
+    @property
+    def worse(self) -> NDArray:
+        """(R, T) where a rule is worse than no warp."""
+        return self.values > self.unwarped * (1 + _noise(self.values))
+
+    @property
+    def failed(self) -> NDArray:
+        """(T,) where the optimum was not found."""
+        return np.asarray(self.solution.result) > Outcome.empty
+
+    def worst(self, name: str) -> tuple[float, int]:
+        """(largest value / optimum where the rule is defined, index of its direction); (NaN, -1) if nowhere."""
+        ratio = self.ratio[self.names.index(name)]
+        if np.isnan(ratio).all():
+            return float("nan"), -1
+        at = int(np.nanargmax(ratio))
+        return float(ratio[at]), at
+
+    def mean(self, name: str) -> float:
+        """The mean of value / optimum over theta (trapezia; over the list, if it is one) where the rule is defined."""
+        ratio = self.ratio[self.names.index(name)]
+        weights = np.ones_like(ratio)
+        if self.regions is not None and len(ratio) > 1:
+            step = np.diff(self.theta) / 2
+            weights = np.r_[step, 0] + np.r_[0, step]
+        there = ~np.isnan(ratio)
+        return float((weights * np.nan_to_num(ratio)).sum() / weights[there].sum()) if there.any() else float("nan")
+
+    def complete(self, name: str) -> bool:
+        """Whether the rule is defined in every direction."""
+        return bool(self.defined[self.names.index(name)].all())
+
+    def ranking(self) -> list[str]:
+        """The rules that are defined in every direction, the least mean first."""
+        return sorted(filter(self.complete, self.names), key=lambda name: (self.mean(name), self.worst(name)[0]))
+
+
+def compare_rules(
+    frustum: ViewFrustum,
+    theta: ArrayLike,
+    rules: Rules = None,
+    metric: str | Metric = "p",
+    norm: str | float = "inf",
+    measure: str = "screen",
+) -> Comparison:
+    """Rules for lambda beside the optimum and the limit, against theta.
+
+    Args:
+        frustum: one view frustum.
+        theta: (T,) increasing angles between light and view direction, radians in [0, pi].
+        rules: a name of `rules.PUBLISHED` or `rules.ENGINES`, a callable (frustum, theta of shape (T,)) -> Warp, a
+            list of these, or a dict that gives them names; every published and engine rule if None.
+        metric, norm, measure: as in `optimal_warp`.
+
+    Raises:
+        ValueError: bad arguments; a rule that is unknown, raises, or returns no `Warp` of theta's shape with eta in
+            (0, 1] (`RuleError`). Failed solves are told by `solution.result`.
+
+    Example:
+        >>> import math, warpopt
+        >>> frustum = warpopt.ViewFrustum(near=1.0, far=100.0, half_fov=math.radians(30.0))
+        >>> theta = [math.radians(degrees) for degrees in (1.0, 30.0, 60.0, 90.0)]
+        >>> comparison = compare_rules(frustum, theta, ["lispsm", "tsm"])
+        >>> worst, at = comparison.worst("lispsm")
+        >>> round(worst, 2), round(math.degrees(comparison.theta[at]))
+        (1.79, 30)
+        >>> [[round(math.degrees(end), 2) for end in ends] for ends in comparison.regions["worse"]["lispsm"]]
+        [[1.0, 7.13]]
+    """
+    error_norm = ErrorNorm.of(metric, norm, measure)
+    found = rule_set(rules)
+    if frustum.near.shape:
+        raise ValueError(f"frustum: got shape {frustum.near.shape}, expected one")
+    theta = checked_theta(theta, frustum)
+    if theta.ndim != 1 or not theta.size or (np.diff(theta) <= 0).any():
+        raise ValueError(f"theta: got {theta}, expected a list of increasing angles")
+
+    def evaluate(theta):
+        eta, defined = warps_of(found, frustum, theta)
+        every = jnp.concatenate([eta, jnp.ones_like(theta)[None]])
+        warps = Warp(every, 1 - every, theta, jnp.ones((), bool))  # norms depend on eta alone
+        solution, values = compare_warps(frustum, theta, warps, metric, norm, measure)
+        bad = np.asarray(solution.result) > Outcome.empty
+        values = np.where(bad, np.nan, values)
+        return solution, *map(np.asarray, (eta, defined)), np.where(defined, values[:-1], np.nan), values[-1]
+
+    def conditions(theta, evaluated) -> NDArray:
+        _, eta, defined, values, unwarped = evaluated
+        worse = values > unwarped * (1 + _noise(values))
+        return np.concatenate([worse, defined & (eta == 1), ~defined])
+
+    evaluated = evaluate(theta)
+    at = np.asarray(theta)
+    intervals = regions(at, conditions(at, evaluated), lambda v: conditions(v, evaluate(jnp.asarray(v))))
+    count, names = len(found), tuple(found)
+    located = {
+        kind: dict(zip(names, intervals[i * count : (i + 1) * count], strict=True))
+        for i, kind in enumerate(("worse", "no_warp", "undefined"))
+    }
+    solution, eta, defined, values, unwarped = evaluated
+    try:
+        refuse_unknown(error_norm)
+    except ValueError:
+        best = None
+    else:
+        best = np.asarray(limit(frustum, theta, metric, norm, measure))
+    return Comparison(names, at, solution, best, eta, defined, values, unwarped, located)
+
+
+def _noise(values: NDArray) -> float:
+    """Norms are within a few hundred eps of exact (moments of extreme frusta included): less apart is equal."""
+    return 1e3 * float(np.finfo(values.dtype).eps)
+
+
+def _quotient(values: NDArray, over: ArrayLike) -> NDArray:
+    """values / over; NaN where there is nothing to compare with (an empty scene, receivers at one depth)."""
+    over = np.asarray(over)
+    return np.where(over > 0, values / np.where(over > 0, over, 1), np.nan)

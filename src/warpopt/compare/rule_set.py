@@ -1,0 +1,109 @@
+"""Which rules are compared: by name, any callable (frustum, theta) -> Warp, or both, checked where they are called."""
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .. import rules as every
+from ..theory.frustum import ViewFrustum
+from ..theory.warp import Warp
+
+Rule = Callable[[ViewFrustum, Array], Warp]
+Rules = None | str | Rule | Sequence[str | Rule] | Mapping[str, str | Rule]
+KNOWN: dict[str, Rule] = every.PUBLISHED | every.ENGINES
+
+
+class RuleError(ValueError):
+    """A rule that is none, or that does not answer as one."""
+
+
+def rule_set(rules: Rules) -> dict[str, Rule]:
+    """The rules by their names; None is every rule of `rules.PUBLISHED` and `rules.ENGINES`.
+
+    Raises:
+        RuleError: an unknown name, something that cannot be called, a name twice, or no rule.
+    """
+    if rules is None:
+        return dict(KNOWN)
+    if isinstance(rules, str) or callable(rules):
+        rules = [rules]
+    if isinstance(rules, Mapping):
+        found = [(name, _rule(rule)) for name, rule in rules.items()]
+    else:
+        found = [(rule if isinstance(rule, str) else _name(rule), _rule(rule)) for rule in rules]
+    if not found:
+        raise RuleError("rules: got none, expected at least one")
+    names = [name for name, _ in found]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise RuleError(f"rules: got {twice[0]!r} twice, expected distinct names; a dict gives callables theirs")
+    return dict(found)
+
+
+def _name(rule: Rule) -> str:
+    return getattr(rule, "__name__", type(rule).__name__)
+
+
+def _rule(rule: str | Rule) -> Rule:
+    if isinstance(rule, str):
+        if rule not in KNOWN:
+            raise RuleError(f"rules: got {rule!r}, expected a callable or one of {', '.join(KNOWN)}")
+        return KNOWN[rule]
+    if not callable(rule):
+        raise RuleError(f"rules: got {rule!r}, expected a name or a callable (frustum, theta) -> warpopt.Warp")
+    return rule
+
+
+def warps_of(rules: Mapping[str, Rule], frustum: ViewFrustum, theta: Array) -> tuple[Array, Array]:
+    """(eta, defined) of every rule over all directions, of shape (rules, directions).
+
+    warpopt's own rules are one compiled call. Others are called as they are, on concrete arrays, so that they may
+    branch, print, or use NumPy.
+
+    Raises:
+        RuleError: a rule that raises, returns no `Warp`, one of another shape than theta's, or an eta that is none.
+    """
+    own = tuple(name for name, rule in rules.items() if KNOWN.get(name) is rule)
+    compiled = dict(zip(own, _own(frustum, theta, own), strict=True))
+    warps = [compiled[name] if name in compiled else _checked(name, rule, frustum, theta)
+             for name, rule in rules.items()]  # fmt: skip
+    return tuple(jnp.stack([jnp.asarray(field) for field in fields]) for fields in zip(*warps, strict=True))
+
+
+@functools.partial(jax.jit, static_argnames=("names",))
+def _own(frustum: ViewFrustum, theta: Array, names: tuple[str, ...]) -> list[tuple[Array, Array]]:
+    warps = [KNOWN[name](frustum, theta) for name in names]
+    shape = jnp.broadcast_shapes(frustum.near.shape, theta.shape)
+    return [tuple(jnp.broadcast_to(field, shape) for field in (warp.eta, warp.defined)) for warp in warps]
+
+
+def _checked(name: str, rule: Rule, frustum: ViewFrustum, theta: Array) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        warp = rule(frustum, theta)
+    except Exception as error:  # whatever a stranger's function may raise
+        words = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise RuleError(
+            f"rule {name}: it raised {words}; expected a function of arrays, called with theta of shape {theta.shape}"
+        ) from error
+    if not isinstance(warp, Warp):
+        raise RuleError(f"rule {name}: got {type(warp).__name__} from it, expected a warpopt.Warp")
+    eta, defined = np.asarray(warp.eta), np.asarray(warp.defined)
+    try:
+        eta, defined = np.broadcast_to(eta, theta.shape), np.broadcast_to(defined, theta.shape)
+    except ValueError:
+        raise RuleError(
+            f"rule {name}: got a warp of shape {np.broadcast_shapes(eta.shape, defined.shape)} from it, expected "
+            f"theta's {theta.shape}"
+        ) from None
+    bad = defined & ~((eta > 0) & (eta <= 1))
+    if bad.any():
+        at = float(np.rad2deg(np.asarray(theta)[bad].flat[0]))
+        raise RuleError(
+            f"rule {name}: got eta = {eta[bad].flat[0]:g} from it at theta = {at:g} degrees, expected a number in (0, "
+            "1] (or `Warp.defined` False)"
+        )
+    return np.where(defined, eta, 1).astype(theta.dtype), defined

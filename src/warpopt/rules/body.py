@@ -1,0 +1,106 @@
+"""The body that a rule is given: the whole view frustum, or the extents of receivers.
+
+Every rule but `tsm_alternative` is a formula in few numbers: the nearest and farthest eye depth (n, f), where the body
+begins along Z_w (y_min) and how far it reaches (d), theta, and the camera's half_fov. Engines take them from what is
+visible. So a rule given a `Body` is applied as an engine applies it.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Bool, Float
+
+from ..theory.frustum import ViewFrustum
+from ..theory.light_space import Depth, LightSpace, checked_theta
+
+
+class Body(eqx.Module):
+    """Receivers as far as a rule for lambda knows them; takes the place of a rule's `frustum`.
+
+    Lengths in any one unit, of shapes that broadcast; nothing is checked, as this is filled from a solution.
+
+    Attributes:
+        near, far: eye depths of the nearest and the farthest receiver.
+        half_fov: of the camera along the warp, radians.
+        start: least Z_w . c over the receivers, from the eye (`Footprint.start`).
+        mu: their depth range along Z_w, > 0 (`Footprint.mu`).
+
+    Example:
+        >>> import jax, warpopt
+        >>> body = Body(*jax.numpy.array([5.0, 50.0, 0.5236, 4.0, 45.0]))
+        >>> round(float(warpopt.rules.lispsm(body, 1.5707963).lam), 3)   # 5 + sqrt(5 * 50), from start
+        20.811
+    """
+
+    near: Float[Array, "..."]
+    far: Float[Array, "..."]
+    half_fov: Float[Array, "..."]
+    start: Float[Array, "..."]
+    mu: Float[Array, "..."]
+
+
+class BodySpace(eqx.Module):
+    """What the rules read of `LightSpace`, for a `Body`."""
+
+    body: Body
+    sin_theta: Float[Array, "..."]
+    mirrored: Bool[Array, "..."]
+    tan_phi: Float[Array, "..."]
+    slope: Float[Array, "..."]
+
+    def __init__(self, body: Body, theta: Float[Array, "..."]):
+        cosine = jnp.cos(theta)
+        self.body = body
+        self.sin_theta, self.mirrored = jnp.abs(jnp.sin(theta)), cosine < 0  # float32(pi) lies beyond pi
+        self.tan_phi = jnp.tan(body.half_fov)
+        self.slope = self.tan_phi * jnp.abs(cosine)
+
+    @property
+    def near(self) -> Float[Array, "..."]:
+        return self.body.near
+
+    @property
+    def depth_range(self) -> Float[Array, "..."]:
+        return (self.body.far - self.body.near) / self.body.near
+
+    @property
+    def mu(self) -> Float[Array, "..."]:
+        return self.body.mu
+
+    @property
+    def mu_over_near(self) -> Float[Array, "..."]:
+        return self.body.mu / self.body.near
+
+    @property
+    def minimum_depth(self) -> Float[Array, "..."]:
+        return self.body.start
+
+    @property
+    def a_plus(self) -> Float[Array, "..."]:
+        """y_min / n where the body begins beyond the eye: PSM's lambda."""
+        return jnp.where(self.body.start > 0, self.body.start, 0) / self.body.near
+
+    def axis_depths(self) -> tuple[Depth, Depth]:
+        """Depths of the view axis' points at the nearest and farthest eye depth, in [0, 1] if the body holds them."""
+        return tuple(
+            Depth(
+                (z * self.sin_theta - self.body.start) / self.body.mu,
+                (self.body.start + self.body.mu - z * self.sin_theta) / self.body.mu,
+            )
+            for z in (self.body.near, self.body.far)
+        )
+
+
+def space_of(frustum: ViewFrustum | Body, theta: ArrayLike) -> LightSpace | BodySpace:
+    """The light space that a rule reads.
+
+    Raises:
+        ValueError: theta outside [0, pi].
+    """
+    theta = checked_theta(theta, frustum)
+    return BodySpace(frustum, theta) if isinstance(frustum, Body) else LightSpace(frustum, theta)
+
+
+def axis_depths(space: LightSpace | BodySpace | BodySpace) -> tuple[Depth, Depth]:
+    """Depths of the ends of the view axis within the body."""
+    return space.axis_depths() if isinstance(space, BodySpace) else space.edge(0.5)

@@ -1,0 +1,365 @@
+"""Rules beside the optimum: numbers against the library's own and a high-precision twin, users' rules, the command."""
+
+import csv
+import dataclasses
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scene_cases import strict
+from twin import Scene, mp
+
+import warpopt
+from warpopt.app import cli, compare, compare_figures
+from warpopt.app.compare_config import CompareConfig, RuleName, read_compare_config
+from warpopt.app.compare_report import intervals_text, rule_title
+from warpopt.compare.regions import regions
+from warpopt.compare.rule_set import KNOWN
+
+EPS = np.finfo(float).eps
+PHI = math.radians(30.0)
+FRUSTUM = warpopt.ViewFrustum(1.0, 100.0, PHI)
+THETA = np.deg2rad([0.0, 5.0, 12.0, 30.0, 45.0, 60.0, 90.0])
+CONFIG = """
+[view]
+near = 1.0
+far = 100.0
+half_fov_deg = 30.0
+[light]
+theta_deg = [0.0, 5.0, 12.0, 30.0, 45.0, 60.0, 90.0]
+[rules]
+own = { tenth = "rules_beside_the_config:tenth" }
+[objective]
+metrics = ["p", "pxq"]
+[output]
+directory = "out"
+"""
+OWN = """
+import numpy as np
+import warpopt
+
+def tenth(frustum, theta):
+    return warpopt.Warp.from_eta(np.full(theta.shape, 0.1), 1.0)
+
+def raises(frustum, theta):
+    raise ZeroDivisionError("empty body")
+
+def number(frustum, theta):
+    return 11.0
+
+def long(frustum, theta):
+    return warpopt.Warp.from_eta(np.full(3, 0.1), 1.0)
+
+def negative(frustum, theta):
+    return warpopt.Warp(theta - 1, 2 - theta, theta, np.array(True))
+
+constant = 3
+"""
+
+
+def tenth(frustum, theta):
+    """eta = 1/10 by NumPy and an if: nothing that JAX could trace."""
+    assert float(theta[0]) >= 0
+    return warpopt.Warp.from_eta(np.full(theta.shape, 0.1), 1.0)
+
+
+def invoke(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as exit_:
+        cli.main(["compare", *arguments])
+    return exit_.value.code
+
+
+@pytest.fixture(scope="module")
+def comparison():
+    return warpopt.compare_rules(FRUSTUM, THETA, KNOWN | {"tenth": tenth})
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """One run with every rule and a user's; compiled as `comparison` is."""
+    folder = tmp_path_factory.mktemp("compare")
+    (folder / "config.toml").write_text(CONFIG)
+    (folder / "rules_beside_the_config.py").write_text(OWN)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert invoke("config.toml") == 0
+    return folder
+
+
+@pytest.fixture
+def folder(written, monkeypatch):
+    monkeypatch.chdir(written)
+    return written
+
+
+def test_values_are_those_of_the_library(comparison):
+    """Other shapes are compiled otherwise: 4 eps each for the optimum and the norm."""
+    solution = warpopt.optimal_warp(FRUSTUM, THETA)
+    np.testing.assert_allclose(comparison.solution.value, solution.value, rtol=8 * EPS)
+    np.testing.assert_allclose(comparison.limit, warpopt.limit(FRUSTUM, THETA), rtol=8 * EPS)
+    for name in ("tsm", "filament", "osg_lispsm_corrected"):
+        i, warp = comparison.names.index(name), KNOWN[name](FRUSTUM, THETA)
+        np.testing.assert_array_equal(comparison.defined[i], warp.defined)
+        expected = np.where(warp.defined, warpopt.error_norm(FRUSTUM, THETA, warp), np.nan)
+        np.testing.assert_allclose(comparison.values[i], expected, rtol=16 * EPS)
+        np.testing.assert_allclose(comparison.ratio[i], expected / solution.value, rtol=16 * EPS)
+        np.testing.assert_allclose(comparison.over_limit[i], expected / comparison.limit, rtol=16 * EPS)
+    assert not comparison.defined[comparison.names.index("osg_lispsm_corrected")].all()
+    assert (np.nan_to_num(comparison.ratio, nan=1) >= 1 - 8 * EPS).all()
+    np.testing.assert_allclose(comparison.unwarped, comparison.values[comparison.names.index("ssm")], rtol=4 * EPS)
+
+
+def twin_end(rule, low, high):
+    """Where a rule's largest E_p is that of no warp, by bisection on raw geometry in 60 digits."""
+
+    def excess(degrees):
+        scene = Scene(1.0, 100.0, PHI, math.radians(degrees))
+        bare = max(scene.no_warp_error(1, 0, z) for _, _, z in scene.corners)
+        return scene.supremum(1, 0, rule(scene)) - bare
+
+    below = excess(low) > 0
+    for _ in range(45):
+        middle = (low + high) / 2
+        low, high = (middle, high) if (excess(middle) > 0) == below else (low, middle)
+    return (low + high) / 2
+
+
+def test_ends_of_regions_are_bisected(comparison):
+    """LiSPSM, worse than no warp for E_p below 7.1 degrees: the twin's root, which no grid point is near.
+
+    The criterion's 1e3 eps moves the end by 1e3 eps over the ratio's relative slope there, about 0.2 a radian.
+    """
+    (interval,) = comparison.regions["worse"]["lispsm"]
+    end = twin_end(lambda scene: (1 + mp.sqrt(100)) / scene.sin, 5.0, 12.0)
+    assert np.rad2deg(interval[1]) == pytest.approx(end, rel=1e-10)
+    assert interval[0] < 1e-6  # no warp at theta = 0 itself, where its lambda is inf
+    # The closed form: the near end of the lower plane rules, and (1 - d) eta + d = sqrt(eta) has the root (d/(1-d))^2.
+    space = warpopt.LightSpace(FRUSTUM, jnp.asarray(interval[1]))
+    near, _ = space.edge(1.0)
+    eta = warpopt.rules.lispsm(FRUSTUM, interval[1]).eta
+    assert float(eta) == pytest.approx(float(near.delta / near.one_minus_delta) ** 2, rel=1e-10)
+
+
+def test_where_rules_are_undefined_or_give_no_warp(comparison):
+    undefined, no_warp = comparison.regions["undefined"], comparison.regions["no_warp"]
+    # PSM needs theta > phi; the twin of that is arithmetic
+    ((start, end),) = undefined["psm"]
+    assert start == 0
+    assert end == pytest.approx(PHI, rel=1e-12)
+    ((start, end),) = undefined["tsm_alternative"]
+    assert (start, end) == (pytest.approx(PHI, rel=1e-12), math.pi / 2)
+    # VN section 3: no warp while (1 - z_k/f) tan(theta) <= tan(phi)/3, z_k = 50.5
+    ((start, end),) = no_warp["tsm_alternative"]
+    assert math.tan(end) == pytest.approx(math.tan(PHI) / 3 / (1 - 0.505), rel=1e-12)
+    assert no_warp["ssm"] == ((0.0, math.pi / 2),)
+    # X-Ray's cutoff |cos| >= 0.99
+    assert no_warp["tsm_xray"][0][1] == pytest.approx(math.acos(0.99), rel=1e-12)
+    assert comparison.regions["worse"]["ssm"] == ()
+    assert comparison.regions["undefined"]["ssm"] == ()
+
+
+def test_worst_mean_and_ranking(comparison):
+    i = comparison.names.index("lispsm")
+    ratio = comparison.ratio[i]
+    worst, at = comparison.worst("lispsm")
+    assert (worst, at) == (ratio.max(), int(ratio.argmax()))
+    assert worst == pytest.approx(1.79, abs=0.005)
+    mean = np.trapezoid(ratio, THETA) / (THETA[-1] - THETA[0])
+    assert comparison.mean("lispsm") == pytest.approx(mean, rel=8 * EPS)
+    ranking = comparison.ranking()
+    assert "psm" not in ranking
+    assert [comparison.mean(name) for name in ranking] == sorted(map(comparison.mean, ranking))
+    nowhere = dataclasses.replace(comparison, values=np.full_like(comparison.values, np.nan))
+    assert np.isnan(nowhere.mean("lispsm"))
+    assert nowhere.worst("lispsm")[1] == -1
+
+
+def test_a_users_rule_is_a_rule(comparison):
+    np.testing.assert_array_equal(comparison.eta[comparison.names.index("tenth")], 0.1)
+    i, j = (comparison.names.index(name) for name in ("tenth", "lispsm"))
+    # at pi/2 LiSPSM's eta is sqrt(n/f) = 1/10
+    assert comparison.values[i, -1] == pytest.approx(comparison.values[j, -1], rel=8 * EPS)
+
+
+def test_rules_come_as_names_callables_or_a_dict():
+    def names(rules):
+        return tuple(warpopt.compare.rule_set.rule_set(rules))
+
+    assert names(None) == (*warpopt.rules.PUBLISHED, *warpopt.rules.ENGINES)
+    assert names("tsm") == ("tsm",)
+    assert names(tenth) == ("tenth",)
+    assert names(["tsm", tenth]) == ("tsm", "tenth")
+    assert names({"mine": tenth, "theirs": "tsm"}) == ("mine", "theirs")
+
+
+@pytest.mark.parametrize(
+    ("rules", "words"),
+    [
+        (["lispsn"], "got 'lispsn', expected a callable or one of ssm, psm"),
+        ([3], "got 3, expected a name or a callable"),
+        ([], "got none"),
+        ([tenth, tenth], "got 'tenth' twice"),
+        (lambda f, t: 11.0, "got float from it, expected a warpopt.Warp"),
+        (lambda f, t: 1 / 0, "it raised ZeroDivisionError: division by zero"),
+        (lambda f, t: warpopt.Warp.from_eta(np.full(3, 0.1), 1.0), r"shape \(3,\) from it, expected theta's \(7,\)"),
+        (lambda f, t: warpopt.Warp(t, 1 - t, t, np.array(True)), "got eta = 0 from it at theta = 0 degrees"),
+    ],
+)
+def test_bad_rules_are_refused_in_words(rules, words):
+    with pytest.raises(ValueError, match=words):
+        warpopt.compare_rules(FRUSTUM, THETA, rules)
+
+
+@pytest.mark.parametrize("theta", [[], [0.5, 0.2], [0.2, 0.2], 0.3, [[0.1, 0.2]], [-0.1, 0.2]])
+def test_bad_directions_are_refused(theta):
+    with pytest.raises(ValueError, match="theta: got"):
+        warpopt.compare_rules(FRUSTUM, theta, "ssm")
+
+
+def test_regions_of_a_known_function():
+    theta = np.array([0.0, 1.0, 2.0, 3.0])
+
+    def holds(t):
+        return np.stack([(t > 0.3) & (t < 2.7), t < -1, t > -1, t < 0.25])
+
+    found = regions(theta, holds(theta), holds)
+    assert found[0] == (pytest.approx((0.3, 2.7), rel=1e-12),)
+    assert found[1:3] == [(), ((0.0, 3.0),)]
+    assert found[3] == (pytest.approx((0.0, 0.25), rel=1e-11),)
+    assert intervals_text(((0.0, 1e-12), (0.1, 0.2))) == "at 0 deg, 5.73 to 11.46 deg"
+
+
+def test_the_table_and_the_record_say_what_the_library_says(written, comparison):
+    out = written / "out"
+    assert strict(out / "run.json")["files"] == sorted(p.name for p in out.iterdir())
+    with (out / "compare.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 2 * len(comparison.names) * len(THETA)
+    mine = [r for r in rows if r["metric"] == "p"]
+    for i, name in enumerate(comparison.names):
+        ratios = [float(r["over_optimum"] or "nan") for r in mine if r["rule"] == name]
+        np.testing.assert_array_equal(ratios, comparison.ratio[i])
+    assert all(r["over_limit"] == r["limit"] == "" for r in rows if r["metric"] == "pxq")  # no limit is known
+    told = strict(out / "compare.json")["objectives"]
+    assert [o["metric"] for o in told] == ["p", "pxq"]
+    assert told[0]["ranking"] == comparison.ranking()
+    assert told[0]["limit"] == comparison.limit.tolist()
+    assert told[1]["limit"] is None
+    lispsm = told[0]["rules"]["lispsm"]
+    assert lispsm["regions_deg"]["worse"] == [list(np.rad2deg(comparison.regions["worse"]["lispsm"][0]))]
+    assert lispsm["mean_over_optimum"] == comparison.mean("lispsm")
+    assert told[0]["rules"]["psm"]["over_optimum"][0] is None
+
+
+def test_the_report_ranks_in_words(written, comparison):
+    text = (written / "out/report.md").read_text()
+    assert "LiSPSM is worse than no warp for 0 to 7.133 deg." in text
+    assert "PSM is worse than no warp for 30 to 90 deg and yields no lambda > 0 for 0 to 30 deg." in text
+    assert f"**{rule_title(comparison.ranking()[0])}** is best on average: " in text
+    assert f"| 1 | {rule_title(comparison.ranking()[0])} | " in text
+    assert "![map](map.png)" in text
+
+
+def test_every_rule_has_a_name_in_the_configuration_and_for_people():
+    assert list(RuleName.__args__) == list(KNOWN)
+    assert all(rule_title(name) != name for name in KNOWN)
+    assert rule_title("tenth") == "tenth"
+
+
+def test_figures_are_drawn_and_written(written, comparison):
+    out = written / "out"
+    assert (out / "map.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    assert not (out / "curves.png").exists()  # 18 rules are too many
+    names = ("tsm_alternative", "tenth")
+    rows = [comparison.names.index(name) for name in names]
+    fewer = {field: getattr(comparison, field)[rows] for field in ("eta", "defined", "values")}
+    few = dataclasses.replace(comparison, names=names, **fewer)
+    figure = compare_figures.curves_figure([compare.Compared("p", "inf", None, few)])
+    drawn = {line.get_label(): line.get_ydata() for line in figure.axes[0].lines}
+    np.testing.assert_array_equal(drawn["rule tenth"], few.ratio[1])
+    np.testing.assert_array_equal(drawn["limit"], few.limit / few.solution.value)
+    figure.canvas.draw()
+    texts = [text.get_text() for text in figure.axes[0].texts]
+    assert {"tenth", "TSM's alternative"} <= set(texts)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--rules.own.mine", "nowhere_at_all:f"], "rules.own.mine: got module 'nowhere_at_all', which is neither"),
+        (["--rules.own.mine", "rules_beside_the_config:none"], "got 'none', which module 'rules_beside_the_config'"),
+        (["--rules.own.mine", "rules_beside_the_config:constant"], "of type int; expected a callable"),
+        (["--rules.own.mine", "rules_beside_the_config:raises"], "rule mine: it raised ZeroDivisionError: empty body"),
+        (["--rules.own.mine", "rules_beside_the_config:number"], "rule mine: got float from it"),
+        (["--rules.own.mine", "rules_beside_the_config:long"], "rule mine: got a warp of shape (3,)"),
+        (["--rules.own.mine", "rules_beside_the_config:negative"], "rule mine: got eta = -1"),
+        (["--rules.own.mine", "no colon"], "rules.own.mine: got 'no colon', expected module:function"),
+        (["--rules.own.tsm", "rules_beside_the_config:tenth"], "rules.own: got 'tsm', expected a name that is none"),
+        (["--rules.names", "lispsn"], "rules.names.0: got 'lispsn', expected 'ssm'"),
+        (["--rules.names", "[]", "--rules.own", "{}"], "rules.names: got none"),
+        (["--light.theta_deg", "[30, 20]"], "light.theta_deg: got [30, 20], expected increasing"),
+        (["--light.theta_deg", "{start = 9, stop = 3, count = 4}"], "expected increasing"),
+        (["--view.far", "0.5"], "view.far: got 0.5"),
+        (["--receivers.box.lower", "3"], "light.theta_deg: unknown key"),
+        (["--output.directory", "rules_beside_the_config.py"], "which is a file"),
+    ],
+)
+def test_bad_input_exits_with_two_and_leaves_the_result_as_it_was(folder, capsys, arguments, words):
+    before = {p.name: p.stat().st_mtime_ns for p in (folder / "out").iterdir()}
+    assert invoke("config.toml", "--objective.metrics", "p", *arguments) == 2
+    message = capsys.readouterr().err
+    assert words in message
+    assert "Traceback" not in message
+    assert {p.name: p.stat().st_mtime_ns for p in (folder / "out").iterdir()} == before
+    assert not [p.name for p in folder.iterdir() if p.name.startswith(".")]
+
+
+def test_a_failed_write_keeps_the_earlier_result(folder, monkeypatch, capsys):
+    before = {p.name: p.stat().st_mtime_ns for p in (folder / "out").iterdir()}
+
+    def broken(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(compare, "write_compare_table", broken)
+    assert invoke("config.toml", "--objective.metrics", "p", "--output.figures", "false") == 1
+    assert "disk full" in capsys.readouterr().err
+    assert {p.name: p.stat().st_mtime_ns for p in (folder / "out").iterdir()} == before
+
+
+def test_a_failed_solve_is_told_and_exits_with_one(folder, capsys):
+    """f/n = 1e15 is beyond what the moments reach; one direction, one rule, which is not defined there."""
+    arguments = ["--view.far", "1e15", "--objective.metrics", "p", "--objective.norms", "l2", "--rules.own", "{}"]
+    arguments += ["--rules.names", "tsm_alternative", "--light.theta_deg", "60", "--output.directory", "failed"]
+    assert invoke("config.toml", *arguments) == 1
+    assert "1 problem(s) failed" in capsys.readouterr().out
+    (told,) = strict(folder / "failed/compare.json")["objectives"]
+    assert told["optimum"] == {"eta": [None], "value": [None], "outcome": ["not_finite"]}
+    report = (folder / "failed/report.md").read_text()
+    assert "could not be found" in report
+    assert "TSM's alternative yields no lambda > 0 at 60 deg." in report
+
+
+def test_a_missing_module_is_refused_before_jax_is_loaded(written):
+    code = (
+        "import sys, warpopt.app.cli as cli\n"
+        "try:\n    cli.main(sys.argv[1:])\nexcept SystemExit as e:\n    print('code', e.code)\n"
+        "print('jax' in sys.modules)\n"
+    )
+    arguments = ["compare", str(written / "config.toml"), "--rules.own.mine", "nowhere_at_all:f"]
+    result = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
+    assert result.stdout.splitlines()[-2:] == ["code 2", "False"]
+
+
+def test_schema_and_overrides(capsys):
+    cli.main(["schema", "--of", "compare"])
+    schema = json.loads(capsys.readouterr().out)
+    assert [kind["$ref"].rpartition("/")[2] for kind in schema["anyOf"]] == ["CompareConfig", "SceneCompareConfig"]
+    example = Path(__file__).parents[1] / "configs/compare.toml"
+    config = read_compare_config(example, ["--view.far", "500", "--rules.own.mine", "a.b:c"])
+    assert isinstance(config, CompareConfig)
+    assert (config.view.far, config.rules.own) == (500.0, {"mine": "a.b:c"})
