@@ -24,7 +24,8 @@ def table():
 def directions(table, count: int) -> np.ndarray:
     """(theta, near, far, half_fov) rows: random, beyond the ends, at every knot, and what is no angle."""
     theta = np.random.default_rng(0).uniform(-1, 4.2, count)
-    theta = np.concatenate([theta, SPECIAL, table.theta, np.nextafter(np.float32(table.theta), np.float32(9))])
+    knots = np.float32(table.theta.ravel())
+    theta = np.concatenate([theta, SPECIAL, knots, np.nextafter(knots, np.float32(9))])
     rows = np.tile(np.float32([0, 1, 100, np.pi / 6]), (len(theta), 1))
     rows[:, 0] = theta
     return rows
@@ -38,7 +39,8 @@ def ulps(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
 def test_a_tables_code_is_its_look_up(table, tmp_path, compiler, language):
     """100,000 inputs with NaN, infinities and what lies outside: within 4 ulp of float32, under the sanitisers."""
     if language is CPP:  # one whose ends lie within, so that both clamp
-        table = eqx.tree_at(lambda t: (t.theta, t.log_eta), table, (table.theta[2:8], table.log_eta[2:8]))
+        inner = table.theta[..., 1:-1], table.knot_eta[..., 1:-1]
+        table = eqx.tree_at(lambda t: (t.theta, t.knot_eta), table, inner)
     given = directions(table, 100_000)
     eta, lam = run_compiled(compiler, language.suffix, source(table, language), given, False, tmp_path).T
     expected = table.eta_numpy(given[:, 0])
@@ -48,6 +50,51 @@ def test_a_tables_code_is_its_look_up(table, tmp_path, compiler, language):
     # mu's sum, and 1 - eta next to no warp, which costs digits in single precision
     assert (np.abs(lam[inside] / exact - 1) < 1e-5 + 2 * EPS / (1 - expected[inside])).all()
     assert (lam[expected == 1] > 3.3e38).all()
+
+
+def rows_of(rows: int, fovs: int) -> warpopt.LambdaTable:
+    """A table over far/near and the field of view, smooth as real ones are, with knots that move."""
+
+    def single(values: np.ndarray) -> np.ndarray:
+        return np.float32(values).astype(float)
+
+    ratios, half_fovs = single(np.geomspace(2, 1e4, rows)), single(np.linspace(0.2, 0.9, fovs))
+    phi = half_fovs[None, :, None]
+    theta = np.linspace(0, 1, 7) ** 2 * np.ones((rows, 1, 1)) * np.where(np.arange(7) < 4, 2 * phi, np.pi / 2)
+    theta[..., 4:] = np.maximum(theta[..., 4:], theta[..., 3:4])
+    theta[..., -1] = np.pi / 2
+    eta = ratios[:, None, None] ** -0.5 * (1 + np.cos(5 * theta) * phi) ** 2 + 0.01
+    return warpopt.LambdaTable(
+        ratios, half_fovs, single(theta), single(eta), "p", "inf", "screen", np.inf, 1e-3, 9e-4, (1.0, 2.0, 0.5), "0"
+    )
+
+
+def frusta_around(count: int) -> np.ndarray:
+    """Rows within the axes of `rows_of` and beyond, and what is no frustum."""
+    rng = np.random.default_rng(2)
+    given = np.empty((count, 4), np.float32)
+    given[:, 0], given[:, 1] = rng.uniform(-0.5, 3.6, count), 10 ** rng.uniform(-2, 2, count)
+    given[:, 2] = given[:, 1] * 10 ** rng.uniform(0.01, 5, count)
+    given[:, 3] = rng.uniform(0.05, 1.2, count)
+    given[:40] = 0.7, 1, 100, 0.5
+    for i, (column, value) in enumerate([(c, v) for c in range(4) for v in (np.nan, np.inf, -np.inf, 0, -1, 1e-38)]):
+        given[i, column] = value
+    return given
+
+
+@pytest.mark.parametrize(("rows", "fovs", "compiler"), [(12, 1, "gcc"), (1, 5, "g++"), (12, 5, "gcc"), (12, 5, "g++")])
+def test_the_code_of_several_rows_is_their_look_up(rows, fovs, compiler, tmp_path):
+    """As above; 4 ulp, of which the blend's exp and log may differ by one or two each."""
+    table, language = rows_of(rows, fovs), C if compiler == "gcc" else CPP
+    if fovs == 1:
+        table = eqx.tree_at(lambda t: t.half_fov, table, np.array([0.5]))
+    given = frusta_around(100_000)
+    eta, _ = run_compiled(compiler, language.suffix, source(table, language), given, fovs > 1, tmp_path).T
+    with np.errstate(all="ignore"):
+        expected = table.eta_numpy(given[:, 0], given[:, 2] / given[:, 1], given[:, 3])
+    assert ulps(eta, expected).max() <= 4
+    needed = [0] + [1, 2] * (rows > 1) + [3] * (fovs > 1)
+    assert (eta[np.isnan(given[:, needed]).any(1)] == 1).all()
 
 
 def frusta(count: int) -> np.ndarray:
@@ -127,7 +174,8 @@ SHADERS = {"GLSL 330": GLSL_330, "GLSL 450": GLSL_450, "HLSL": HLSL}
 def test_glslang_accepts_the_shading_languages(table, tmp_path, name):
     language = SHADERS[name]
     for code, arguments in (
-        (source(table, language), "x, 1.0, 100.0"), (closed_form_source("p", language), "x, 1.0, 100.0, 0.5"),
+        (source(table, language), "x, 1.0, 100.0"), (source(rows_of(12, 5), language), "x, 1.0, 100.0, 0.5"),
+        (closed_form_source("p", language), "x, 1.0, 100.0, 0.5"),
         (closed_form_source("q", language), "x, 1.0, 100.0, 0.5"),
         (closed_form_source("pxq", language), "x, 1.0, 100.0, 0.5"),
     ):  # fmt: skip
@@ -159,6 +207,10 @@ def test_shaders_run_as_the_look_up_and_the_optimum(table, name):
     expected = table.eta_numpy(given[:, 0])
     np.testing.assert_allclose(eta, expected, rtol=1e-5)
     assert (lam[expected == 1] > 3.3e38).all()
+    several, around = rows_of(12, 5), frusta_around(20_000)[40:]
+    eta, _ = RUNNERS[name](source(several, language), around, True).T
+    expected = several.eta_numpy(around[:, 0], around[:, 2] / around[:, 1], around[:, 3])
+    np.testing.assert_allclose(eta, expected, rtol=1e-5)
     rows = frusta(100_000)
     rows[:, 2] = np.minimum(rows[:, 2], 1000 * rows[:, 1])
     for metric in ("p", "q", "pxq"):

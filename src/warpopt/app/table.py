@@ -19,20 +19,33 @@ def run_table(config: TableConfig) -> int:
     """
     view, objective, span = config.view, config.objective, config.light.theta_deg
     path = config.output.file
-    frustum = warpopt.ViewFrustum(view.near, view.far, math.radians(view.half_fov_deg))
+    ratios, fovs = view.far_over_near, view.half_fov_deg_range
+    far = view.far or view.near * ratios.start
+    frustum = warpopt.ViewFrustum(view.near, far, math.radians(view.half_fov_deg or fovs.start))
     try:
         table = build_table(
             frustum, objective.metric, objective.norm, objective.measure, max_regret=objective.max_regret,
             theta_range=(math.radians(span.start), math.radians(span.stop)),
+            depth_ratio_range=ratios and (ratios.start, ratios.stop),
+            half_fov_range=fovs and (math.radians(fovs.start), math.radians(fovs.stop)), max_slope=objective.max_slope,
         )  # fmt: skip
     except RuntimeError as error:
         print(f"warpopt: objective.max_regret: {error}", file=sys.stderr)
         return 1
     whole_files({path: encoded(table, path)})
-    print(f"{len(table.theta)} knots for theta in [{span.start:g}, {span.stop:g}] degrees")
+    counts = [f"{len(table.depth_ratio)} far/near"] * (ratios is not None)
+    counts += [f"{len(table.half_fov)} fields of view"] * (fovs is not None)
+    rows = f" for each of {' by '.join(counts)}" if counts else ""
     print(
-        f"largest regret {table.achieved:.4g} of {table.promised:g} promised, "
-        f"at theta = {math.degrees(table.worst_theta):.6g} degrees"
+        f"{table.theta.shape[-1]} knots for theta in [{span.start:g}, {span.stop:g}] degrees{rows}: {table.size} bytes"
     )
+    theta, ratio, half_fov = table.worst
+    where = f"theta = {math.degrees(theta):.6g} degrees"
+    where += f", far/near = {ratio:.6g}" * (ratios is not None)
+    where += f", half field of view {math.degrees(half_fov):.6g} degrees" * (fovs is not None)
+    if objective.max_slope is None:
+        print(f"largest regret {table.achieved:.4g} of {table.promised:g} promised, at {where}")
+    else:
+        print(f"largest regret {table.achieved:.4g}, the least under the bound of {objective.max_slope:g}, at {where}")
     print(f"Written: {path}")
     return 0

@@ -9,17 +9,47 @@ from pydantic import Field
 from .config import HalfFovDeg, Measure, Metric, Norm, Positive, Section, beyond
 
 
+class Span(Section):
+    """Smallest and largest value that a table covers."""
+
+    start: Positive
+    stop: Positive
+
+    @pydantic.field_validator("stop")
+    @classmethod
+    def _after_start(cls, stop: float, info: pydantic.ValidationInfo) -> float:
+        start = info.data.get("start")
+        if start is not None and stop <= start:
+            raise ValueError(f"expected more than start = {start}")
+        return stop
+
+
 class TableView(Section):
-    """One view frustum; only far/near and the field of view matter."""
+    """One view frustum, of which only far/near and the field of view matter; or ranges of either."""
 
     near: Positive = 1.0
-    far: Positive
-    half_fov_deg: HalfFovDeg
+    far: Positive | None = None
+    half_fov_deg: HalfFovDeg | None = None
+    far_over_near: Span | None = None
+    """In the place of `far`: the table has an axis far/near."""
+    half_fov_deg_range: Span | None = None
+    """In the place of `half_fov_deg`: the table has an axis of the field of view."""
+
+    @pydantic.model_validator(mode="after")
+    def _one_of_each(self) -> "TableView":
+        for one, other in (("far", "far_over_near"), ("half_fov_deg", "half_fov_deg_range")):
+            if (getattr(self, one) is None) == (getattr(self, other) is None):
+                raise ValueError(f"expected one of {one} and {other}")
+        if self.far_over_near is not None and self.far_over_near.start <= 1:
+            raise ValueError(f"far_over_near.start: got {self.far_over_near.start:g}, expected more than 1")
+        if self.half_fov_deg_range is not None and self.half_fov_deg_range.stop >= 90:
+            raise ValueError(f"half_fov_deg_range.stop: got {self.half_fov_deg_range.stop:g}, expected less than 90")
+        return self
 
     @pydantic.field_validator("far")
     @classmethod
-    def _beyond_near(cls, far: float, info: pydantic.ValidationInfo) -> float:
-        return beyond([far], info)[0]
+    def _beyond_near(cls, far: float | None, info: pydantic.ValidationInfo) -> float | None:
+        return far if far is None else beyond([far], info)[0]
 
 
 class ThetaSpan(Section):
@@ -51,6 +81,8 @@ class TableObjective(Section):
     measure: Measure = "screen"
     max_regret: Positive = 1e-3
     """The promise: value/minimum - 1 stays below it in every direction."""
+    max_slope: Positive | None = None
+    """Bound on |d log(eta) / d theta| per radian, under which the largest regret is then the least possible."""
 
 
 ENDINGS = (".npz", ".csv", ".json")

@@ -2,49 +2,123 @@
 
 import hashlib
 import math
+from collections.abc import Callable
+
+import numpy as np
 
 from ..table.files import encoded
 from ..table.lambda_table import LambdaTable
 from .languages import Language
 from .program import ETA_NOTE, HOW_TO, LAMBDA_NOTE, NO_WARP, Function, Program, text_of
 
-_ETA = """
+# Where a value stands on an axis of several rows: the row, and the share on the way to the next.
+_RATIO = """
+int ratio = 0;
+for (int k = 1; k < $RATIOS - 1; k++) { if (v > $ROOT_RATIO[k] * $ROOT_RATIO[k]) { ratio = k; } }
+float low = $ROOT_RATIO[ratio];
+float high = $ROOT_RATIO[ratio + 1];
+float along = high * (v - low * low) / ((high - low) * (v + low * high));
+if (!(along > 0.0f)) { along = 0.0f; }
+if (along > 1.0f) { along = 1.0f; }
+if (v > high * high) { along = 1.0f; }
+"""
+_FOV = """
+int fov = 0;
+for (int k = 1; k < $FOVS - 1; k++) { if (half_fov > $HALF_FOV[k]) { fov = k; } }
+float across = (half_fov - $HALF_FOV[fov]) / ($HALF_FOV[fov + 1] - $HALF_FOV[fov]);
+if (!(across > 0.0f)) { across = 0.0f; }
+if (across > 1.0f) { across = 1.0f; }
+"""
+_KNOT = """
+for (int k = 1; k < $KNOTS - 1; k++) {{
+{at}    if (x > here) {{ i = k; start = here; }}
+}}
+"""
+_SHARES = {"ratio": "along", "fov": "across"}
+_FOLD = """
 float x = theta;
 float eta = 1.0f;
 if (x > $HALF_PI) { x = $PI - x; }
-if (x == x) {
-    int i = 0;
-    for (int k = 1; k < $KNOTS - 1; k++) { if (x > $THETA[k]) { i = k; } }
-    float share = (x - $THETA[i]) / ($THETA[i + 1] - $THETA[i]);
-    if (!(share > 0.0f)) { share = 0.0f; }
-    if (share > 1.0f) { share = 1.0f; }
-    float height = $LOG_ETA[i] + share * ($LOG_ETA[i + 1] - $LOG_ETA[i]);
-    if (height < 0.0f) { eta = exp(height); }
-}
-return eta;
 """
+
+
+def _mixed(axes: list[str], of: Callable[[str], str], name: str, row: str = "") -> tuple[str, str]:
+    """(statements, expression): linear between the rows' values, axis by axis, nested as in `look_up`.
+
+    Args:
+        of: the start of an index, which is the row's first knot, to a value's expression.
+        name: of local variables.
+    """
+    if not axes:
+        return "", of(f"({row}) * $KNOTS + " if row else "")
+    axis, rest = axes[0], axes[1:]
+    rows = [f"({row}) * $FOVS + {axis} + {k}" if row else f"{axis} + {k}" for k in (0, 1)]
+    (low_text, low), (high_text, high) = (
+        _mixed(rest, of, f"{name}_{side}", r) for side, r in zip(("low", "high"), rows, strict=True)
+    )
+    text = f"{low_text}{high_text}float {name}_low = {low};\nfloat {name}_high = {high};\n"
+    return text, f"{name}_low + {_SHARES[axis]} * ({name}_high - {name}_low)"
+
+
+def _eta_body(axes: list[str]) -> str:
+    """The look-up over a table's axes: "ratio" (far/near), "fov" (half field of view), both or none."""
+
+    def knot(index: str, name: str) -> tuple[str, str]:
+        return _mixed(axes, lambda row: f"$THETA[{row}{index}]", name)
+
+    def height(row: str) -> str:
+        return f"$ETA[{row}i] + share * ($ETA[{row}i + 1] - $ETA[{row}i])"
+
+    def log_of(row: str) -> str:
+        return "0.0f" if row == least else f"log(({height(row)}) / value)"
+
+    least = {(): "", ("ratio",): "(ratio + 0) * $KNOTS + ", ("fov",): "(fov + 0) * $KNOTS + "}.get(
+        tuple(axes), "((ratio + 0) * $FOVS + fov + 0) * $KNOTS + "
+    )
+    lines = []
+    valid = "x == x"
+    if "ratio" in axes:
+        lines.append("float v = z_far / z_near;\n")
+        valid += " && v > 0.0f"
+    if "fov" in axes:
+        valid += " && half_fov == half_fov"
+    body = ""
+    body += _RATIO * ("ratio" in axes) + _FOV * ("fov" in axes)
+    text, first = knot("0", "first")
+    body += f"int i = 0;\n{text}float start = {first};\n"
+    text, here = knot("k", "at")
+    body += _KNOT.format(at="".join(f"    {line}\n" for line in f"{text}float here = {here};".split("\n")))
+    text, end = knot("i + 1", "next")
+    body += f"{text}float end = {end};\n"
+    body += "float share = 0.0f;\nif (end > start) { share = (x - start) / (end - start); }\n"
+    body += "if (!(share > 0.0f)) { share = 0.0f; }\nif (share > 1.0f) { share = 1.0f; }\n"
+    body += f"float value = {height(least)};\n"
+    if axes:
+        text, exponent = _mixed(axes, log_of, "height")
+        body += f"{text}value = value * exp({exponent});\n"
+    body += "if (value < 1.0f) { eta = value; }"
+    indented = "".join(f"    {line}\n" for line in body.split("\n") if line)
+    return f"{_FOLD}{''.join(lines)}if ({valid}) {{\n{indented}}}\nreturn eta;\n"
+
+
 _LAMBDA = """
-float eta = $eta(theta, z_near, z_far);
+float eta = $eta({parameters});
 float s = abs(sin(theta));
-float t = $TAN_PHI * abs(cos(theta));
+float t = {tangent} * abs(cos(theta));
 float above = s - t;
-if (above < 0.0f) { above = 0.0f; }
+if (above < 0.0f) {{ above = 0.0f; }}
 float mu = (z_far - z_near) * above + 2.0f * z_far * t;
 float lambda = $NO_WARP;
-if (eta < 1.0f) { lambda = mu * eta / (1.0f - eta); }
+if (eta < 1.0f) {{ lambda = mu * eta / (1.0f - eta); }}
 return lambda;
 """
-_PARAMETERS = ("theta", "z_near", "z_far")
-_FUNCTIONS = (
-    Function("eta", ETA_NOTE, _PARAMETERS, _ETA),
-    Function("lambda", LAMBDA_NOTE, _PARAMETERS, _LAMBDA),
-)
 
 
 def source(table: LambdaTable, language: Language, prefix: str = "warpopt") -> str:
     """The whole file: provenance, data, `warpopt_eta`, `warpopt_lambda`, and what to do with them.
 
-    Byte for byte the same for the same table.
+    Byte for byte the same for the same table. Functions of a table over the field of view take it, half and in radians,
+    as their last argument.
 
     Args:
         language: one of `languages.LANGUAGES`.
@@ -60,22 +134,40 @@ def source(table: LambdaTable, language: Language, prefix: str = "warpopt") -> s
         >>> "static inline float warpopt_eta(float theta, float z_near, float z_far)" in source(table, C)
         True
     """
-    constants = {
-        "KNOTS": len(table.theta), "PI": math.pi, "HALF_PI": math.pi / 2, "TAN_PHI": math.tan(table.half_fov),
-        "NO_WARP": NO_WARP,
-    }  # fmt: skip
-    arrays = {"THETA": table.theta, "LOG_ETA": table.log_eta}
-    return text_of(Program([*_notes(table), *HOW_TO], constants, arrays, _FUNCTIONS), language, prefix)
+    rows = table.rows
+    axes = [name for name, axis in (("ratio", rows.depth_ratio), ("fov", rows.half_fov)) if len(axis) > 1]
+    constants = {"KNOTS": table.theta.shape[-1], "PI": math.pi, "HALF_PI": math.pi / 2, "NO_WARP": NO_WARP}
+    arrays, parameters, tangent = {}, ("theta", "z_near", "z_far"), "$TAN_PHI"
+    if "ratio" in axes:
+        constants["RATIOS"], arrays["ROOT_RATIO"] = len(rows.depth_ratio), np.sqrt(rows.depth_ratio)
+    if "fov" in axes:
+        constants["FOVS"], arrays["HALF_FOV"] = len(rows.half_fov), rows.half_fov
+        parameters, tangent = (*parameters, "half_fov"), "tan(half_fov)"
+    else:
+        constants["TAN_PHI"] = math.tan(rows.half_fov[0])
+    arrays |= {"THETA": rows.theta.ravel(), "ETA": rows.eta.ravel()}
+    functions = (
+        Function("eta", ETA_NOTE, parameters, _eta_body(axes)),
+        Function("lambda", LAMBDA_NOTE, parameters, _LAMBDA.format(parameters=", ".join(parameters), tangent=tangent)),
+    )
+    return text_of(Program([*_notes(table), *HOW_TO], constants, arrays, functions), language, prefix)
 
 
 def _notes(table: LambdaTable) -> list[str]:
     # All that made the table, in the words of its configuration, and its identity: no file name, which may change.
-    first, last = (math.degrees(v) for v in (table.theta[0], table.theta[-1]))
+    first, last = (math.degrees(table.theta[0, 0, k]) for k in (0, -1))
     digest = hashlib.sha256(encoded(table, "table.json")).hexdigest()
+    ratio, half_fov = (
+        f"{axis[0]:.9g}" + (f" to {axis[-1]:.9g} ({len(axis)} rows)" if len(axis) > 1 else "")
+        for axis in (table.depth_ratio, table.half_fov * (180 / math.pi))
+    )
+    theta, worst_ratio, worst_fov = table.worst
+    bound = "" if math.isinf(table.max_slope) else f" |d log(eta) / d theta| <= {table.max_slope:.9g}."
     return [
         f"Optimal shadow-map warp, warpopt {table.version}. Generated; do not edit.",
-        f"E_{table.metric}, norm {table.norm}, measure {table.measure}; far/near = {table.depth_ratio:.9g},"
-        f" half field of view {math.degrees(table.half_fov):.9g} degrees.",
-        f"Regret promised {table.promised:g}, achieved {table.achieved:.6g} (at theta = {table.worst_theta:.9g}).",
-        f"{len(table.theta)} knots from {first:.6g} to {last:.6g} degrees; table {digest[:16]}.",
+        f"E_{table.metric}, norm {table.norm}, measure {table.measure}; far/near = {ratio},"
+        f" half field of view {half_fov} degrees.{bound}",
+        f"Regret promised {table.promised:g}, achieved {table.achieved:.6g} (at theta = {theta:.9g}, far/near ="
+        f" {worst_ratio:.6g}, half field of view {math.degrees(worst_fov):.6g} degrees).",
+        f"{table.theta.shape[-1]} knots a row from {first:.6g} to {last:.6g} degrees; table {digest[:16]}.",
     ]

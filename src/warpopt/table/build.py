@@ -1,6 +1,7 @@
-"""Tables built to a promise: the fewest knots whose regret stays below it everywhere."""
+"""Tables built to a promise: few knots whose regret stays below it everywhere."""
 
 import math
+from collections.abc import Generator
 
 import numpy as np
 
@@ -8,13 +9,24 @@ import warpopt
 
 from ..theory.error_norm import ErrorNorm
 from ..theory.frustum import ViewFrustum
-from .lambda_table import LambdaTable, look_up
+from .greedy import Grid
+from .joint import joint_heights, moved_rows
+from .lambda_table import LambdaTable
+from .landmarks import landmarks
+from .look_up import Rows
 from .polyline import fewest_knots
-from .tube import Objective, regret, tube
+from .samples import Samples
+from .slope import least_regret
+from .tube import Objective, tube
+from .verify import Ranges, verify
 
-_GRID = 400  # directions at which a knot may stand, before refinement
-_SHARE = 0.97  # of the promise that the tube keeps at the grid; the rest is for what lies between
+_DIRECTIONS = 400  # at which a knot of a single row may stand, before refinement
+_SHARE = 0.97  # of the promise that the tube keeps at the samples; the rest is for what lies between
 _ROUNDS = 12
+_RATIO_STEP = 0.067  # of the candidates for rows, in log(far/near)
+_FOV_STEP = math.radians(1.5)
+_MOST_KNOTS = 32
+_NO_WARP = 2.0  # height of a knot in the open, where no warp keeps the promise
 
 
 def build_table(
@@ -25,90 +37,165 @@ def build_table(
     *,
     max_regret: float = 1e-3,
     theta_range: tuple[float, float] = (0.0, math.pi / 2),
+    depth_ratio_range: tuple[float, float] | None = None,
+    half_fov_range: tuple[float, float] | None = None,
+    max_slope: float | None = None,
 ) -> LambdaTable:
-    """The smallest table of log(eta) over theta that keeps value/minimum - 1 <= max_regret for every direction.
+    """A small table of eta that keeps value/minimum - 1 <= max_regret for every direction (far/near, field of view).
 
-    A tube around the optimum is drawn at a grid of directions, and the polyline with the fewest knots is laid through
-    it. Where a dense, independent set of directions, and a search around the worst of them, finds the promise broken
-    between grid points (a kink), the worst places join the grid.
+    A tube around the optimum says how far eta may be from it. One far/near and field of view: through the tube at a
+    grid of directions goes the polyline with the fewest knots. Ranges of them: each row of the table is a polyline
+    whose knots keep to the kinks of the optimum (`landmarks`), wherever these move from row to row; rows are placed,
+    and their heights chosen by linear programs, for what lies between the rows. The result is verified on dense,
+    independent inputs and by a search around the worst of them; where it fails the tube is narrowed.
 
     Args:
-        frustum: one frustum; only its shape (far/near, half_fov) matters.
+        frustum: one frustum; only its shape (far/near, half_fov) matters, and that only for what has no range.
         metric: "p", "q" or "pxq".
         norm, measure: as in `optimal_warp`.
         max_regret: > 0.
         theta_range: first and last direction, radians, within [0, pi/2].
+        depth_ratio_range: smallest and largest far/near, > 1, for a table over it.
+        half_fov_range: smallest and largest half field of view, radians, within (0, pi/2), likewise.
+        max_slope: bound on |d log(eta) / d theta|, per radian, so that a moving light does not make shadows swim. The
+            table's largest regret is then the least that the bound allows, and may exceed max_regret; `promised` says
+            what it keeps. For one far/near and field of view.
 
     Raises:
         ValueError: bad arguments.
-        RuntimeError: a promise that rounding does not allow (max_regret below about 1e-12).
+        RuntimeError: a promise that rounding does not allow (max_regret below about 1e-6, single precision's), or that
+            takes more than 32 knots a row.
 
     Example:
         >>> import warpopt
         >>> table = build_table(warpopt.ViewFrustum(1.0, 100.0, 0.5236), max_regret=1e-2)
-        >>> len(table.theta) <= 9 and table.achieved <= 1e-2
+        >>> table.theta.shape[-1] <= 6 and table.achieved <= 1e-2
         True
     """
-    if frustum.near.shape:
-        raise ValueError(f"frustum: got shape {frustum.near.shape}, expected one frustum")
+    ranges = _ranges(frustum, theta_range, depth_ratio_range, half_fov_range)
     if not isinstance(metric, str):
         raise ValueError(f"metric: got {metric!r}, expected 'p', 'q' or 'pxq'")
     if not (isinstance(max_regret, int | float) and 0 < max_regret < math.inf):
         raise ValueError(f"max_regret: got {max_regret!r}, expected a finite number > 0")
+    if max_slope is not None and not (isinstance(max_slope, int | float) and 0 < max_slope < math.inf):
+        raise ValueError(f"max_slope: got {max_slope!r}, expected a finite number > 0, or None")
+    if max_slope is not None and not ranges.single:
+        raise ValueError("max_slope: got one with a range of far/near or of the field of view, expected none of these")
+    error_norm = ErrorNorm.of(metric, norm, measure)
+    objective = Objective(metric, error_norm.order, measure)
+    if max_slope is not None:
+        attempts = _bounded(ranges, objective, max_slope)
+    else:
+        attempts = (_single_row if ranges.single else _several_rows)(ranges, objective, float(max_regret))
+    rows, promise = next(attempts)
+    for _ in range(_ROUNDS):
+        # What engines keep: single precision. The promise is kept by these numbers.
+        ratios, fovs = (axis if len(axis) == 1 else _single(axis) for axis in (rows.depth_ratio, rows.half_fov))
+        rows = Rows(ratios, fovs, _single(rows.theta), _single(rows.eta))
+        worst, at, broken = verify(ranges, objective, rows, promise)
+        if worst <= promise:
+            name = {math.inf: "inf", 1.0: "l1", 2.0: "l2"}.get(error_norm.order, repr(error_norm.order))
+            slope = math.inf if max_slope is None else float(max_slope)
+            return LambdaTable(
+                ratios,
+                fovs,
+                rows.theta,
+                rows.eta,
+                metric,
+                name,
+                measure,
+                slope,
+                promise,
+                worst,
+                at,
+                warpopt.__version__,
+            )
+        rows, promise = attempts.send(broken)
+    raise RuntimeError(f"build_table: got a regret of {worst:.3g} at {at} for a promise of {promise:g}")
+
+
+def _ranges(frustum, theta_range, depth_ratio_range, half_fov_range) -> Ranges:
+    if frustum.near.shape:
+        raise ValueError(f"frustum: got shape {frustum.near.shape}, expected one frustum")
     first, last = theta_range
     if not 0 <= first < last <= math.pi / 2:
         raise ValueError(f"theta_range: got {theta_range!r}, expected 0 <= first < last <= pi/2")
-    error_norm = ErrorNorm.of(metric, norm, measure)
-    objective = Objective(metric, error_norm.order, measure)
-    half_fov = float(frustum.half_fov)
-    grid = np.linspace(first, last, _GRID)
-    kinks = [v for v in (half_fov, half_fov * (1 - 1e-9)) if first < v < last]
-    grid = np.unique(np.concatenate([grid, kinks]))
-    for _ in range(_ROUNDS):
-        around = tube(frustum, grid, objective, _SHARE * max_regret)
-        upper = np.where(np.isinf(around.upper), np.maximum(1.0, -around.log_eta), around.upper)
-        places, heights = fewest_knots(grid, around.lower, upper)
-        # What engines keep: single precision. The promise is kept by these numbers.
-        theta, log_eta = (v.astype(np.float32).astype(np.float64) for v in (grid[places], heights))
-        worst, at, broken = verify(frustum, objective, theta, log_eta, max_regret)
-        if worst <= max_regret:
-            name = {math.inf: "inf", 1.0: "l1", 2.0: "l2"}.get(error_norm.order, repr(error_norm.order))
-            ratio = float(frustum.depth_ratio)
-            return LambdaTable(
-                theta, log_eta, ratio, half_fov, metric, name, measure, float(max_regret), worst, at,
-                warpopt.__version__,
-            )  # fmt: skip
-        grid = np.unique(np.concatenate([grid, broken]))
-    raise RuntimeError(f"build_table: got a regret of {worst:.3g} at theta = {at!r} for a promise of {max_regret:g}")
+    ratio, half_fov = float(frustum.depth_ratio), float(frustum.half_fov)
+    ratios = (ratio, ratio) if depth_ratio_range is None else tuple(map(float, depth_ratio_range))
+    fovs = (half_fov, half_fov) if half_fov_range is None else tuple(map(float, half_fov_range))
+    if depth_ratio_range is not None and not 1 < ratios[0] < ratios[1] <= 1e12:
+        raise ValueError(f"depth_ratio_range: got {depth_ratio_range!r}, expected 1 < smallest < largest <= 1e12")
+    if half_fov_range is not None and not 0 < fovs[0] < fovs[1] < math.pi / 2:
+        raise ValueError(f"half_fov_range: got {half_fov_range!r}, expected 0 < smallest < largest < pi/2")
+    return Ranges((float(first), float(last)), ratios, fovs)
 
 
-def verify(
-    frustum: ViewFrustum, objective: Objective, theta: np.ndarray, log_eta: np.ndarray, promise: float
-) -> tuple[float, float, np.ndarray]:
-    """(largest regret, where, the local worst directions that break the promise) of a polyline.
+# Each yields (rows, what they are to keep), and is sent the points (P, 3) at which they did not.
+_Attempts = Generator[tuple[Rows, float], np.ndarray, None]
 
-    Over 20,000 directions, irregular so that they meet no grid, every knot and its neighbours; then around the largest
-    found, finer and finer.
-    """
-    rng = np.random.default_rng(12345)
-    first, last = theta[0], min(theta[-1], np.pi / 2)
-    spread = (np.arange(20_000) + rng.random(20_000)) / 20_000
-    near_knots = np.concatenate([np.nextafter(theta, 0), theta, np.nextafter(theta, 4)])
-    dense = np.clip(np.unique(np.concatenate([first + (last - first) * spread, near_knots])), first, last)
 
-    def of(directions: np.ndarray) -> np.ndarray:
-        return regret(frustum, directions, np.log(look_up(directions, theta, log_eta, np)), objective)
+def _single_row(ranges: Ranges, objective: Objective, promise: float) -> _Attempts:
+    """The fewest knots through the tube at a grid of directions, which what is found broken joins."""
+    first, last = ranges.theta
+    kinks = landmarks(ranges.frusta(), objective, first, last)
+    # Closer and closer to where eta bends or jumps; what stands side by side single precision must tell apart.
+    away = np.geomspace(1e-6, 0.03, 16)
+    beside = np.clip(kinks * (1 + np.concatenate([-away, [0], away])[:, None]), first, last)
+    grid = np.unique(np.concatenate([np.linspace(first, last, _DIRECTIONS), beside.ravel()]))
+    while True:
+        around = tube(ranges.frusta(), grid, objective, _SHARE * promise)
+        lower, upper = (np.asarray(v) for v in (around.lower, around.upper))
+        places, heights = fewest_knots(grid, lower, np.where(np.isinf(upper), _NO_WARP, upper))
+        broken = yield ranges.rows(grid[places], heights), promise
+        grid = np.unique(np.concatenate([grid, broken[:, 0]]))
 
-    found = of(dense)
-    width = (last - first) / 20_000
-    at = dense[int(np.argmax(found))]
-    worst = float(found.max())
-    for _ in range(6):  # each time 64 times closer
-        near = np.clip(at + width * np.linspace(-1, 1, 129), first, last)
-        local = of(near)
-        if local.max() > worst:
-            worst, at = float(local.max()), near[int(np.argmax(local))]
-        width /= 64
-    peaks = (found > promise) & (found >= np.r_[found[1:], 0]) & (found >= np.r_[0, found[:-1]])
-    broken = np.append(dense[peaks][:200], at) if worst > promise else np.empty(0)
-    return worst, float(at), broken
+
+def _several_rows(ranges: Ranges, objective: Objective, promise: float) -> _Attempts:
+    """Rows and heights for the tube at candidate rows; narrower and narrower."""
+    ratios = np.exp(_candidates(*np.log(ranges.depth_ratio), _RATIO_STEP))
+    fovs = _candidates(*ranges.half_fov, _FOV_STEP)
+    both = len(ratios) > 1 and len(fovs) > 1
+    if both:
+        ratios = ratios[np.unique(np.linspace(0, len(ratios) - 1, 81).round().astype(int))]
+    grid_ratio, grid_fov = (v.ravel() for v in np.meshgrid(ratios, fovs, indexing="ij"))
+    frusta = ViewFrustum(np.ones(len(grid_ratio)), grid_ratio, grid_fov)
+    by_ratio = len(ratios) > 1
+    axis, place = ("depth_ratio", ratios) if by_ratio else ("half_fov", fovs)
+    chosen = np.unique(np.linspace(0, len(place) - 1, 1 + max(2, len(place) // 8)).round().astype(int))
+    share, wanted = 0.95, 0.1
+    while True:
+        samples = Samples(frusta, objective, ranges.theta, share * promise)
+        knots = samples.knots(samples.fewest(0.25, _MOST_KNOTS))
+        samples = samples.at_knots(knots)
+        heights, _ = samples.heights(knots, math.inf, np.arange(len(knots)))
+        heights = np.minimum(heights, _NO_WARP)
+        if both:
+            grid = Grid(samples, ratios, fovs, knots, heights)
+            yield grid.rows(*grid.chosen()), promise
+        else:
+            for _ in range(_ROUNDS):
+                found, depths = joint_heights(samples, axis, place, chosen, knots[chosen], heights[chosen])
+                if depths.min() >= 0:
+                    break
+                chosen, wanted = moved_rows(np.log(place), chosen, depths, wanted), wanted + 0.01
+            shape = (len(chosen), 1, -1) if by_ratio else (1, len(chosen), -1)
+            axes = (ratios[chosen], fovs) if by_ratio else (ratios, fovs[chosen])
+            yield Rows(*axes, knots[chosen].reshape(shape), found.reshape(shape)), promise
+        share *= 0.97
+
+
+def _bounded(ranges: Ranges, objective: Objective, max_slope: float) -> _Attempts:
+    """The row of the least regret under a bound on its slope, which is what it then keeps, up to what lies between."""
+    rows, least = least_regret(ranges, objective, max_slope)
+    slack = 1e-3
+    while True:
+        yield rows, least * (1 + slack)
+        slack *= 2
+
+
+def _single(values: np.ndarray) -> np.ndarray:
+    return values.astype(np.float32).astype(np.float64)
+
+
+def _candidates(first: float, last: float, step: float) -> np.ndarray:
+    return np.linspace(first, last, 1 + max(4, math.ceil((last - first) / step))) if last > first else np.array([first])

@@ -13,9 +13,10 @@ import numpy as np
 
 from .lambda_table import LambdaTable
 
-FORMAT = "warpopt.LambdaTable 1"
-_TEXT = ("metric", "norm", "measure", "version")
-_NUMBERS = ("depth_ratio", "half_fov", "promised", "achieved", "worst_theta")
+FORMAT = "warpopt.LambdaTable 2"
+_TEXT = ("metric", "norm", "measure", "version", "max_slope")
+_NUMBERS = ("promised", "achieved", "worst_theta", "worst_depth_ratio", "worst_half_fov")
+_COLUMNS = ("depth_ratio", "half_fov", "theta", "eta")  # one entry for each knot of each row
 
 
 class TableFileError(ValueError):
@@ -29,7 +30,7 @@ def save(table: LambdaTable, path: str | Path) -> None:
         ValueError: another ending.
         OSError: the file cannot be written; an earlier one is then as it was.
     """
-    write_table(path, _fields(table), {"theta": table.theta, "log_eta": table.log_eta})
+    write_table(path, _fields(table), _columns(table))
 
 
 def write_table(path: str | Path, fields: dict, knots: dict[str, np.ndarray]) -> None:
@@ -52,7 +53,7 @@ def encoded(table: LambdaTable, path: str | Path) -> bytes:
     Raises:
         ValueError: an ending other than .npz, .csv and .json.
     """
-    return _encoded(_fields(table), {"theta": table.theta, "log_eta": table.log_eta}, Path(path))
+    return _encoded(_fields(table), _columns(table), Path(path))
 
 
 def _encoded(fields: dict, knots: dict[str, np.ndarray], path: Path) -> bytes:
@@ -84,7 +85,19 @@ def load(path: str | Path) -> LambdaTable:
 
 
 def _fields(table: LambdaTable) -> dict:
-    return {"format": FORMAT} | {name: getattr(table, name) for name in (*_TEXT, *_NUMBERS)}
+    slope = "none" if math.isinf(table.max_slope) else repr(table.max_slope)
+    text = {name: getattr(table, name) for name in _TEXT} | {"max_slope": slope}
+    return {
+        "format": FORMAT,
+        **text,
+        **dict(zip(_NUMBERS, (table.promised, table.achieved, *table.worst), strict=True)),
+    }
+
+
+def _columns(table: LambdaTable) -> dict[str, np.ndarray]:
+    axes = table.depth_ratio[:, None, None], table.half_fov[:, None]
+    columns = (*(np.broadcast_to(axis, table.theta.shape) for axis in axes), table.theta, table.knot_eta)
+    return {name: column.ravel() for name, column in zip(_COLUMNS, columns, strict=True)}
 
 
 def _npz(fields: dict, knots: dict[str, np.ndarray]) -> bytes:
@@ -130,32 +143,47 @@ def _from_csv(content: bytes) -> dict:
     rows = list(csv.reader(io.StringIO(content.decode(), newline="")))
     fields: dict = {row[0][2:]: row[1] for row in rows if row and row[0].startswith("# ")}
     fields |= {name: float(fields[name]) for name in _NUMBERS if name in fields}
-    start = rows.index(["theta", "log_eta"]) + 1
+    start = rows.index(list(_COLUMNS)) + 1
     knots = np.array([[float(v) for v in row] for row in rows[start:]])
-    if len(knots) != int(fields.pop("knots")):
+    if knots.shape != (int(fields.pop("knots")), len(_COLUMNS)):
         raise ValueError(f"got {len(knots)} knots, expected as many as the file says")
-    return fields | {"theta": knots[:, 0], "log_eta": knots[:, 1]}
+    return fields | dict(zip(_COLUMNS, knots.T, strict=True))
 
 
 def _checked(path: Path, fields: dict) -> LambdaTable:
     found = fields.pop("format", None)
     if found != FORMAT:
         raise TableFileError(f"{path}: got format {found!r}, expected {FORMAT!r}")
-    expected = {*_TEXT, *_NUMBERS, "theta", "log_eta"}
+    expected = {*_TEXT, *_NUMBERS, *_COLUMNS}
     if fields.keys() != expected:
         raise TableFileError(f"{path}: got fields {sorted(fields)}, expected {sorted(expected)}")
     try:
-        theta, log_eta = (np.asarray(fields[name], np.float64) for name in ("theta", "log_eta"))
-        numbers = {name: float(fields[name]) for name in _NUMBERS}
+        columns = [np.asarray(fields[name], np.float64) for name in _COLUMNS]
+        numbers = [float(fields[name]) for name in _NUMBERS]
+        slope = math.inf if str(fields["max_slope"]) == "none" else float(fields["max_slope"])
     except (TypeError, ValueError):
         raise TableFileError(f"{path}: got a field that is no number, expected numbers") from None
-    rising = theta.ndim == 1 and len(theta) >= 2 and (np.diff(theta) > 0).all()
-    if not (rising and theta.shape == log_eta.shape and np.isfinite(theta).all() and np.isfinite(log_eta).all()):
-        raise TableFileError(f"{path}: got knots that do not increase or are not finite, expected two or more that do")
-    if not all(math.isfinite(v) and v >= 0 for v in numbers.values()):
+    if not all(c.ndim == 1 and c.shape == columns[0].shape and np.isfinite(c).all() for c in columns):
+        raise TableFileError(f"{path}: got knots that are not finite or not as many of each, expected {_COLUMNS}")
+    ratios, fovs = (np.unique(c) for c in columns[:2])
+    shape = len(ratios), len(fovs), -1
+    count = len(columns[0]) // max(1, len(ratios) * len(fovs))
+    whole = count >= 2 and count * len(ratios) * len(fovs) == len(columns[0])
+    if not whole or not all(
+        (c.reshape(shape) == axis).all()
+        for c, axis in zip(columns[:2], (ratios[:, None, None], fovs[:, None]), strict=True)
+    ):
+        raise TableFileError(f"{path}: got knots that are no grid, expected each row of depth_ratio and half_fov whole")
+    theta, eta = (c.reshape(shape) for c in columns[2:])
+    if not (np.diff(theta) >= 0).all() or not (theta[..., 0] < theta[..., -1]).all():
+        raise TableFileError(f"{path}: got knots whose theta does not increase, expected knots that do")
+    if not (all(math.isfinite(v) and v >= 0 for v in numbers) and min(eta.min(), ratios[0] - 1, fovs[0], slope) > 0):
         raise TableFileError(
-            f"{path}: got a number that is negative or not finite, expected {', '.join(_NUMBERS)} >= 0"
+            f"{path}: got a number that is negative, not finite or out of range, expected eta, half_fov and max_slope "
+            f"> 0, depth_ratio > 1 and {', '.join(_NUMBERS)} >= 0"
         )
-    metric, norm, measure, version = (str(fields[name]) for name in _TEXT)
-    ratio, half_fov, promised, achieved, worst = (numbers[name] for name in _NUMBERS)
-    return LambdaTable(theta, log_eta, ratio, half_fov, metric, norm, measure, promised, achieved, worst, version)
+    metric, norm, measure, version = (str(fields[name]) for name in ("metric", "norm", "measure", "version"))
+    promised, achieved, *worst = numbers
+    return LambdaTable(
+        ratios, fovs, theta, eta, metric, norm, measure, slope, promised, achieved, tuple(worst), version
+    )

@@ -1,5 +1,6 @@
 """lambda(theta) as a small table with a promise."""
 
+import math
 from pathlib import Path
 from typing import Literal
 
@@ -13,71 +14,107 @@ from .._checks import checked, float_arrays
 from ..theory.frustum import ViewFrustum
 from ..theory.light_space import LightSpace
 from ..theory.warp import Warp
+from .look_up import Rows, look_up
 
 Outside = Literal["clamp", "error"]
 
 
 class LambdaTable(eqx.Module):
-    """The optimal warp of one view frustum's shape for every light direction, as a polyline of log(eta) in theta.
+    """The optimal warp for every light direction, and for ranges of far/near and of the field of view if asked for.
 
-    Knots may stand above log(eta) = 0: a look-up ends at eta = 1, no warp, so that the onset of no warp needs no knot.
-    Directions beyond pi/2 are folded, as the frustum is symmetric. Made by `warpopt.build_table`.
+    Polylines of eta in theta, whose knots move from one far/near to the next; see `look_up.look_up`. Knots may stand
+    above eta = 1: a look-up ends at 1, no warp, so that the onset of no warp needs no knot. Directions beyond pi/2 are
+    folded, as the frustum is symmetric. Made by `warpopt.build_table`; the numbers are single precision's.
 
     Attributes:
-        theta: (N,) knots, radians, increasing.
-        log_eta: (N,) heights.
-        depth_ratio, half_fov: the frustum's far/near and half field of view.
+        depth_ratio: (R,) far/near of the rows, increasing; one entry where the table is for one far/near.
+        half_fov: (H,) half fields of view, radians, increasing; one entry likewise.
+        theta: (R, H, N) knots, radians, not decreasing along N.
+        knot_eta: (R, H, N) eta at the knots.
         metric, norm, measure: what is minimised.
-        promised: the regret, value/minimum - 1, that no direction was to exceed, and
-        achieved: the largest found between all knots, at
-        worst_theta: this direction.
+        max_slope: bound on |d log(eta) / d theta| that was asked for; inf for none.
+        promised: the regret, value/minimum - 1, that nothing in the table's ranges was to exceed, and
+        achieved: the largest found, at
+        worst: this (theta, far/near, half_fov).
         version: of warpopt.
     """
 
-    theta: Float[np.ndarray, " N"]
-    log_eta: Float[np.ndarray, " N"]
-    depth_ratio: float = eqx.field(static=True)
-    half_fov: float = eqx.field(static=True)
+    depth_ratio: Float[np.ndarray, " R"]
+    half_fov: Float[np.ndarray, " H"]
+    theta: Float[np.ndarray, "R H N"]
+    knot_eta: Float[np.ndarray, "R H N"]
     metric: str = eqx.field(static=True)
     norm: str = eqx.field(static=True)
     measure: str = eqx.field(static=True)
+    max_slope: float = eqx.field(static=True)
     promised: float = eqx.field(static=True)
     achieved: float = eqx.field(static=True)
-    worst_theta: float = eqx.field(static=True)
+    worst: tuple[float, float, float] = eqx.field(static=True)
     version: str = eqx.field(static=True)
 
-    def eta(self, theta: ArrayLike, outside: Outside = "clamp") -> Float[Array, "..."]:
+    @property
+    def rows(self) -> Rows:
+        """What a look-up reads."""
+        return Rows(self.depth_ratio, self.half_fov, self.theta, self.knot_eta)
+
+    @property
+    def size(self) -> int:
+        """Bytes of the numbers that exported code holds: four each."""
+        axes = sum(len(axis) for axis in (self.depth_ratio, self.half_fov) if len(axis) > 1)
+        return 4 * (axes + self.theta.size + self.knot_eta.size)
+
+    def eta(
+        self,
+        theta: ArrayLike,
+        depth_ratio: ArrayLike | None = None,
+        half_fov: ArrayLike | None = None,
+        *,
+        outside: Outside = "clamp",
+    ) -> Float[Array, "..."]:
         """eta at any theta, by JAX: under jit, vmap and grad (the slope of the piece that ends at a knot).
 
         Args:
             theta: radians, any shape.
-            outside: "clamp": beyond the first or last knot (folded) its value, and eta = 1 for NaN, as the exported
-                code does; "error": both, and theta outside [0, pi], are refused.
+            depth_ratio, half_fov: far/near and half the field of view, of shapes that broadcast; needed for an axis
+                that the table has, ignored where it has one row.
+            outside: "clamp": beyond the first or last knot (folded) or row its value, and eta = 1 for NaN, as the
+                exported code does; "error": both, and theta outside [0, pi], are refused.
 
         Raises:
-            ValueError: see `outside`.
+            ValueError: see `outside`; a missing argument.
         """
-        (theta,) = float_arrays(theta=theta)
-        return look_up(self._checked(theta, outside), self.theta, self.log_eta, jnp)
+        values = float_arrays(theta=theta, **self._given(depth_ratio=depth_ratio, half_fov=half_fov))
+        return self._looked_up(values, outside, jnp)
 
-    def eta_numpy(self, theta: ArrayLike, outside: Outside = "clamp") -> np.ndarray:
+    def eta_numpy(
+        self,
+        theta: ArrayLike,
+        depth_ratio: ArrayLike | None = None,
+        half_fov: ArrayLike | None = None,
+        *,
+        outside: Outside = "clamp",
+    ) -> np.ndarray:
         """`eta` in plain NumPy, in theta's precision, operation by operation what the exported code does."""
         theta = np.asarray(theta)
-        theta = theta if theta.dtype == np.float32 else theta.astype(np.float64)
-        return look_up(self._checked(theta, outside), self.theta, self.log_eta, np)
+        dtype = theta.dtype if theta.dtype == np.float32 else np.dtype(np.float64)
+        given = self._given(depth_ratio=depth_ratio, half_fov=half_fov)
+        return self._looked_up([np.asarray(v, dtype) for v in (theta, *given.values())], outside, np)
 
-    def warp(self, frustum: ViewFrustum, theta: ArrayLike, outside: Outside = "clamp") -> Warp:
-        """The table's warp for a frustum of this table's shape (`lam` in its units).
+    def warp(self, frustum: ViewFrustum, theta: ArrayLike, *, outside: Outside = "clamp") -> Warp:
+        """The table's warp for a frustum (`lam` in its units).
 
         Raises:
-            ValueError: as `eta`, or for a frustum of another far/near or field of view.
+            ValueError: as `eta`; a frustum of another far/near or field of view than that of a table of one.
         """
-        for name, value, expected in (
-            ("far/near", frustum.depth_ratio, self.depth_ratio), ("half_fov", frustum.half_fov, self.half_fov)
-        ):  # fmt: skip
-            tolerance = 16 * float(jnp.finfo(frustum.near.dtype).eps)
-            checked(name, value, lambda v, e=expected, t=tolerance: abs(v / e - 1) <= t, f"the table's {expected}")
-        eta = self.eta(theta, outside)
+        ratio, half_fov = frustum.depth_ratio, frustum.half_fov
+        for name, value, axis in (("far/near", ratio, self.depth_ratio), ("half_fov", half_fov, self.half_fov)):
+            if len(axis) == 1:
+                tolerance = 16 * float(jnp.finfo(frustum.near.dtype).eps)
+                expected = float(axis[0])
+                checked(
+                    name, value, lambda v, e=expected, t=tolerance: abs(v / e - 1) <= t, f"the table's {expected:.9g}"
+                )
+        eta = self.eta(theta, ratio, half_fov, outside=outside)
         mu = LightSpace(frustum, jnp.asarray(theta, frustum.near.dtype)).mu
         return Warp(eta, 1 - eta, mu, jnp.ones((), bool))
 
@@ -98,34 +135,34 @@ class LambdaTable(eqx.Module):
 
         return load(path)
 
-    def _checked(self, theta, outside: Outside):
+    def _given(self, **values: ArrayLike | None) -> dict[str, ArrayLike]:
+        """Of the axes' values, those of axes that the table has."""
+        asked = {name: value for name, value in values.items() if len(getattr(self, name)) > 1}
+        for name, value in asked.items():
+            if value is None:
+                raise ValueError(f"{name}: got none, expected values: the table has {len(getattr(self, name))} rows")
+        return asked
+
+    def _looked_up(self, values: list, outside: Outside, xp):
         if outside not in ("clamp", "error"):
             raise ValueError(f"outside: got {outside!r}, expected 'clamp' or 'error'")
+        theta, *others = values
+        names = [name for name in ("depth_ratio", "half_fov") if len(getattr(self, name)) > 1]
         if outside == "error":
-            first, last = float(self.theta[0]), float(self.theta[-1])
-            slack = 4 * float(np.finfo(theta.dtype).eps)  # of the fold
+            slack = 4 * float(np.finfo(theta.dtype).eps)  # of the fold, and of an axis' own rounding
+            first, last = float(self.theta[0, 0, 0]), float(self.theta[0, 0, -1])
 
             def within(v):
-                folded = np.pi / 2 - abs(v - np.pi / 2)
+                folded = math.pi / 2 - abs(v - math.pi / 2)
                 return (folded >= first - slack) & (folded <= last + slack)
 
-            expected = f"radians in [{first:.6g}, {last:.6g}], or as far from pi"
-            theta = checked("theta", theta, within, expected)
-        return theta
-
-
-def look_up(theta, knots: np.ndarray, heights: np.ndarray, xp):
-    """exp(min(y, 0)) of the polyline's height y; the one definition that NumPy, JAX and the exports share."""
-    dtype = theta.dtype
-    knots, heights = knots.astype(dtype), heights.astype(dtype)
-    pi, half = np.asarray(np.pi, dtype), np.asarray(np.pi / 2, dtype)
-    folded = xp.where(theta > half, pi - theta, theta)
-    # The piece whose end is the first knot not before theta: a sum of comparisons, as short tables are searched.
-    piece = sum((folded > knot).astype(np.int32) for knot in knots[1:-1])
-    start, end = xp.asarray(knots)[piece], xp.asarray(knots)[piece + 1]
-    low, high = xp.asarray(heights)[piece], xp.asarray(heights)[piece + 1]
-    share = (folded - start) / (end - start)
-    share = xp.where(share > 0, xp.where(share < 1, share, 1), 0).astype(dtype)
-    height = low + share * (high - low)
-    eta = xp.exp(xp.where(height < 0, height, 0))
-    return xp.where(xp.isnan(theta), 1, eta).astype(dtype)
+            theta = checked("theta", theta, within, f"radians in [{first:.6g}, {last:.6g}], or as far from pi")
+            for i, name in enumerate(names):
+                low, high = float(getattr(self, name)[0]), float(getattr(self, name)[-1])
+                others[i] = checked(
+                    name, others[i],
+                    lambda v, a=low, b=high: (v >= a * (1 - slack)) & (v <= b * (1 + slack)),
+                    f"a number in [{low:.6g}, {high:.6g}]",
+                )  # fmt: skip
+        by_name = dict(zip(names, others, strict=True))
+        return look_up(theta, by_name.get("depth_ratio"), by_name.get("half_fov"), self.rows, xp)

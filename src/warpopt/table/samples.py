@@ -1,0 +1,134 @@
+"""The tube of many view frusta at matching directions: what a table's knots are chosen from."""
+
+import copy
+
+import numpy as np
+
+from ..solve.optimal_warp import optimal_warp
+from ..theory.frustum import ViewFrustum
+from .heights import best_heights
+from .landmarks import landmarks
+from .tube import Objective, Tube, regret, tube
+
+# Fractions of the way between landmarks: even, and closer and closer to either.
+_NEAR = np.geomspace(1e-5, 0.25, 12)
+_FRACTIONS = np.unique(np.concatenate([np.linspace(0, 1, 49), _NEAR, 1 - _NEAR]))
+
+
+class Samples:
+    """Of each of G frusta: the landmarks, directions between them, and the tube there.
+
+    Attributes:
+        landmarks: (G, K).
+        theta, eta, lower, upper: (G, S): directions, optimum, tube.
+    """
+
+    def __init__(self, frusta: ViewFrustum, objective: Objective, theta_range: tuple[float, float], max_regret: float):
+        found = landmarks(frusta, objective, *theta_range)
+        found = _with_jumps(frusta, objective, found, max_regret)
+        spans = np.diff(found, axis=1)
+        theta = found[:, :-1, None] + spans[..., None] * _FRACTIONS
+        self._tube = lambda theta: _tube_of(frusta, theta, objective, max_regret)
+        eta, lower, upper = self._tube(theta)
+        self.landmarks = found
+        # The share of a span's knots on the way: knots at even steps of it err alike, sqrt(|eta''| / width of the tube)
+        # being their density; a tenth of them go evenly.
+        width = np.where(np.isinf(upper), eta - lower, (upper - lower) / 2)
+        mass = _density_mass(theta, eta, width)
+        total = mass.sum(-1, keepdims=True)
+        share = np.cumsum(mass, -1) / np.where(total > 0, total, 1)
+        share = np.concatenate([np.zeros_like(total), np.where(total > 0, share, _FRACTIONS[1:])], -1)
+        self._share = 0.9 * share + 0.1 * _FRACTIONS
+        # A piece of length h leaves |eta''| h^2 / 16 of it to either side.
+        self.pieces = np.maximum(1, np.ceil(total[..., 0].max(0) / 4).astype(int))
+        count = len(found)
+        self.theta, self.eta, self.lower, self.upper = (v.reshape(count, -1) for v in (theta, eta, lower, upper))
+
+    def knots(self, pieces: np.ndarray) -> np.ndarray:
+        """(G, N) knots: the landmarks, and so many pieces between each two."""
+        columns = []
+        for j, count in enumerate(pieces):
+            even = np.arange(count) / count
+            at = np.stack([np.interp(even, share, _FRACTIONS) for share in self._share[:, j]])
+            columns.append(self.landmarks[:, j, None] + at * np.diff(self.landmarks)[:, j, None])
+        return np.concatenate([*columns, self.landmarks[:, -1:]], 1)
+
+    def at_knots(self, knots: np.ndarray) -> "Samples":
+        """The same with the knots (G, N) and the middles between them as further directions.
+
+        Without them a knot between two samples would be free to stand anywhere.
+        """
+        more = np.concatenate([knots, (knots[:, 1:] + knots[:, :-1]) / 2], 1)
+        own = self.theta, self.eta, self.lower, self.upper
+        both = copy.copy(self)
+        both.theta, both.eta, both.lower, both.upper = (
+            np.concatenate(pair, 1) for pair in zip(own, (more, *self._tube(more)), strict=True)
+        )
+        return both
+
+    def heights(self, knots: np.ndarray, max_slope: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(best heights (G, N), how deep inside the tube (G,)) of some of the frusta's knots; see `best_heights`."""
+        fits = [
+            best_heights(knots[g], self.theta[g], self.eta[g], self.lower[g], self.upper[g], max_slope) for g in which
+        ]
+        return np.stack([heights for heights, _ in fits]), np.array([depth for _, depth in fits])
+
+    def fewest(self, wanted: float, most: int) -> np.ndarray:
+        """Pieces between landmarks with which every frustum's polyline is `wanted` deep in its tube.
+
+        From what the density asks for, one piece more at a time, where it helps the worst frustum most.
+
+        Raises:
+            RuntimeError: more than `most` knots.
+        """
+        pieces = self.pieces.copy()
+        which = np.unique(np.linspace(0, len(self.theta) - 1, 24).round().astype(int))
+
+        def depth(pieces: np.ndarray, among: np.ndarray) -> np.ndarray:
+            return self.heights(self.knots(pieces), np.inf, among)[1]
+
+        while True:
+            depths = depth(pieces, which)
+            if depths.min() >= wanted:
+                return pieces
+            if pieces.sum() >= most:
+                raise RuntimeError(f"got {pieces.sum() + 1} knots that do not yet keep the promise")
+            worst = which[[int(np.argmin(depths))]]
+            trials = pieces + np.eye(len(pieces), dtype=int)
+            pieces = trials[int(np.argmax([depth(trial, worst)[0] for trial in trials]))]
+
+
+def _tube_of(frusta: ViewFrustum, theta: np.ndarray, objective: Objective, max_regret: float) -> Tube:
+    shape = (-1,) + (1,) * (theta.ndim - 1)
+    expanded = ViewFrustum(*(np.asarray(v).reshape(shape) for v in (frusta.near, frusta.far, frusta.half_fov)))
+    return Tube(*(np.asarray(v) for v in tube(expanded, theta, objective, max_regret)))
+
+
+def _density_mass(theta: np.ndarray, eta: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """Integrals of sqrt(|eta''| / width) from sample to sample."""
+    step = np.maximum(np.diff(theta), np.finfo(float).tiny ** 0.25)
+    bend = np.abs(np.diff(np.diff(eta) / step)) / ((step[..., 1:] + step[..., :-1]) / 2)
+    density = np.sqrt(bend / width[..., 1:-1])
+    density = np.concatenate([density[..., :1], density, density[..., -1:]], -1)
+    return (density[..., 1:] + density[..., :-1]) / 2 * np.diff(theta)
+
+
+def _with_jumps(frusta: ViewFrustum, objective: Objective, found: np.ndarray, max_regret: float) -> np.ndarray:
+    """Landmarks with one more before each at which eta jumps: where its value beyond begins to keep the promise."""
+
+    def eta(theta: np.ndarray) -> np.ndarray:
+        return np.asarray(optimal_warp(frusta, theta, *objective, throw=False).warp.eta)
+
+    more = []
+    for j in range(1, found.shape[1] - 1):
+        at = found[:, j]
+        beyond = eta(at * (1 + 1e-9))
+        if (np.abs(np.log(eta(at * (1 - 1e-9)) / beyond)) < 1e-3).all():
+            continue
+        low, high = found[:, j - 1], at
+        for _ in range(45):
+            middle = (low + high) / 2
+            keeps = np.asarray(regret(frusta, middle, beyond, objective)) <= max_regret / 2
+            low, high = np.where(keeps, low, middle), np.where(keeps, middle, high)
+        more.append(high)
+    return np.sort(np.stack([*found.T, *more], 1), 1)

@@ -1,0 +1,81 @@
+"""The table that a bound on its slope allows."""
+
+import itertools
+
+import numpy as np
+
+from .heights import best_heights
+from .landmarks import landmarks
+from .look_up import Rows
+from .tube import Objective, tube
+from .verify import Ranges
+
+_KNOTS = (65, 129, 257)  # even ones to begin with, besides those at kinks
+_ALLOWED = 1.1  # times the regret of the best of all functions with the slope
+_SAMPLES = 1200
+_STEPS = 40  # bisections of log(regret)
+_LEAST, _MOST = 1e-7, 1e6  # regrets: the tightest that single precision keeps, and more than any
+
+
+def least_regret(ranges: Ranges, objective: Objective, max_slope: float) -> tuple[Rows, float]:
+    """(a row with |d log(eta) / d theta| <= max_slope, its largest regret at the samples).
+
+    The regret is 1.1 times `least_of_all`, which fixes the tube; whether a polyline with given knots fits is a linear
+    program. Of many even knots, those are left out, one after the other, without which it still does.
+
+    Raises:
+        RuntimeError: 257 knots do not fit (a slope beyond 1e3).
+    """
+    first, last = ranges.theta
+    marks = landmarks(ranges.frusta(), objective, first, last)
+    regret = max(_LEAST, _ALLOWED * least_of_all(ranges, objective, max_slope))
+    for count in _KNOTS:
+        knots = np.unique(np.concatenate([np.linspace(first, last, count), marks]))
+        inner = max(4, _SAMPLES // len(knots))
+        theta = np.concatenate([np.linspace(a, b, inner) for a, b in itertools.pairwise(knots)])
+        theta = np.unique(np.concatenate([theta, marks * (1 - 1e-9)]).clip(first, last))
+        eta, lower, upper = (np.asarray(v) for v in tube(ranges.frusta(), theta, objective, regret))
+        heights, depth = best_heights(knots, theta, eta, lower, upper, max_slope)
+        if depth < 0:
+            continue
+        k = 1
+        while k < len(knots) - 1:
+            fewer = np.delete(knots, k)
+            found, depth = best_heights(fewer, theta, eta, lower, upper, max_slope)
+            if depth >= 0:
+                knots, heights = fewer, found
+            else:
+                k += 1
+        return ranges.rows(knots, heights), regret
+    raise RuntimeError(f"least_regret: got a slope of {max_slope:g} that {_KNOTS[-1]} knots do not keep")
+
+
+def least_of_all(ranges: Ranges, objective: Objective, max_slope: float) -> float:
+    """The least largest regret of any function log(eta) of theta with the slope.
+
+    A function with that slope passes through all tubes exactly if it does through any two (McShane's extension).
+    """
+    theta = np.linspace(*ranges.theta, _SAMPLES)
+    reach = max_slope * np.abs(theta[:, None] - theta)
+
+    def kept(regret: float) -> bool:
+        around = tube(ranges.frusta(), theta, objective, regret)
+        lower, upper = np.log(around.lower), np.minimum(np.log(around.upper), 0)
+        return bool((np.asarray(lower)[:, None] - np.asarray(upper) <= reach).all())
+
+    return _least(kept)
+
+
+def _least(kept) -> float:
+    """The least regret that is kept, by bisection of its logarithm."""
+    low, high = np.log(_LEAST), np.log(_MOST)
+    best = float(np.exp(high))
+    kept(best)
+    for _ in range(_STEPS):
+        middle = (low + high) / 2
+        regret = float(np.exp(middle))
+        if kept(regret):
+            best, high = regret, middle
+        else:
+            low = middle
+    return best
