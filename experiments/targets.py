@@ -69,7 +69,12 @@ def measure_targets(rows: list[dict], arguments) -> dict[str, dict]:
                 [r[f"eta_error_{word}"] for r in rows if r["method"] == "warpopt" and r["measure"] == measure],
                 default=np.nan,
             )
-            put(f"error of eta, {word}, every metric and norm, {measure}", error, target, "interior optima, f/n <= 1e4")
+            put(
+                f"error of eta, {word}, every metric, L2{' and L-inf' * (measure == 'screen')}, {measure}",
+                error,
+                target,
+                "interior optima, f/n <= 1e4",
+            )
 
     def solve_time(metric, norm, measure) -> float:
         return seconds(lambda: warpopt.optimal_warp(frustum, theta, metric, norm, measure, throw=False))

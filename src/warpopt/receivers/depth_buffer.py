@@ -1,5 +1,6 @@
 """Receivers as a renderer has them: the depth buffer of the frame."""
 
+import functools
 from typing import Literal
 
 import equinox as eqx
@@ -21,6 +22,7 @@ Encoding = Literal["linear", "standard", "reversed"]
 # Sorting into bins costs about as much for one value as all else for ten, so large buffers are first reduced to this
 # many cells, runs of pixels in a row, along which depth varies least.
 _CELLS = 131_072
+_MIXED = 1.05  # far over near of a cell that is split in two
 
 
 class DepthBuffer(eqx.Module):
@@ -73,11 +75,12 @@ class DepthBuffer(eqx.Module):
             seen = (value > 0) & (value < f)
             return seen, jnp.where(seen, larger(value, n), n)
         if self.encoding == "standard":
-            return value < 1, n * f / (f - value * (f - n))
+            # n value + f (1 - value): f - value (f - n) may round to 0 in a deep frustum.
+            return value < 1, n * f / (n * value + f * (1 - value))
         return value > 0, n * f / (n + value * (f - n))
 
     def footprint(self, camera: Camera, frame: LightFrame, norm: ErrorNorm) -> Footprint:
-        """See `Receivers`. One pass for extents, cell by cell, and one for moments; each decodes what it reads."""
+        """See `Receivers`. A pass for extents, cell by cell, one more where there are silhouettes, one for moments."""
         across, up = _slopes(self.depth, camera)
         # What rows share is computed here: inside a sweep every pixel would.
         slope_across, slope_up = frame.z_axis[0] * across, frame.z_axis[1] * up + frame.z_axis[2]
@@ -88,13 +91,21 @@ class DepthBuffer(eqx.Module):
             seen, z = self._decoded(value, camera)
             return seen, z, z * (slope_across + slope)
 
-        start, end, cells = self._cells(rows, depths, across, up, frame)
-        share = (cells.least_depth - start) / jnp.where(end > start, end - start, 1)
-        which = bin_of(jnp.where(jnp.isfinite(cells.z), share, 0))
-        footprint = from_groups(jax.tree.map(lambda v, sign: _joined(v, sign, which), cells, _SIGNS), camera.near)
+        start, end, near, far = self._cells(rows, depths)
+        bounds = functools.partial(self._bounds, start, end, (across, up), frame)
+        groups = bounds(near, far)
+        # A cell across a silhouette holds what is near and what is behind it: together a receiver that there is not.
+        mixed = jnp.isfinite(near) & (far > _MIXED * near)
+
+        def split(groups: Groups) -> Groups:
+            parts = (bounds(*part) for part in self._parts(rows, depths, near, far))
+            return functools.reduce(_union, parts)
+
+        groups = jax.lax.cond(mixed.any(), split, lambda groups: groups, groups)
+        footprint = from_groups(groups, camera.near)
         if norm.supremum:
             return footprint
-        unit = jnp.where(footprint.empty, 1, cells.z.min())
+        unit = jnp.where(footprint.empty, 1, near.min())
 
         def receivers_of(row: tuple[Array, Array]) -> tuple[Array, Array, Array]:
             seen, z, d = depths(row)
@@ -102,58 +113,93 @@ class DepthBuffer(eqx.Module):
 
         return with_moments(footprint, rows, receivers_of, unit, norm)
 
-    def _cells(self, rows, depths, across: Array, up: Array, frame: LightFrame) -> tuple[Array, Array, Groups]:
-        """(least and largest Z_w . c of all pixels, bounds of the cells).
+    def _cells(self, rows, depths) -> tuple[Array, Array, Array, Array]:
+        """(least and largest Z_w . c of all pixels, least and largest eye depth of each cell; inf, -inf where empty).
 
-        Reducing by cells costs several times what reducing whole rows does, so that only z is: with the slopes at a
-        cell's ends it bounds Z_w . c, X_w . c and l . c.
+        Reducing by cells costs several times what reducing whole rows does, so that only z is.
         """
         width = self.depth.shape[1]
-        size = max(1, round(self.depth.size / _CELLS))
-        pad = -width % size
 
-        def bounds(found: tuple[Array, Array], row: tuple[Array, Array]):
+        def row_bounds(found: tuple[Array, Array], row: tuple[Array, Array]):
             seen, z, d = depths(row)
             least = jnp.where(seen & (d < found[0]), d, found[0])
             largest = jnp.where(seen & (d > found[1]), d, found[1])
-            near, far = (
-                jnp.pad(jnp.where(seen, z, edge), (0, pad), constant_values=edge).reshape(-1, size)
-                for edge in (jnp.inf, -jnp.inf)
-            )
+            near, far = (self._in_cells(jnp.where(seen, z, edge), edge) for edge in (jnp.inf, -jnp.inf))
             return (least, largest), (near.min(1), far.max(1))
 
         edges = (jnp.full(width, edge, self.depth.dtype) for edge in (jnp.inf, -jnp.inf))
-        (least, largest), (near, far) = jax.lax.scan(bounds, tuple(edges), rows)
+        (least, largest), (near, far) = jax.lax.scan(row_bounds, tuple(edges), rows)
+        start, end = (jnp.where(jnp.isfinite(near).any(), v, 0) for v in (least.min(), largest.max()))
+        return start, end, near, far
+
+    def _parts(self, rows, depths, near: Array, far: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """(near, far) of each cell's pixels before and beyond the middle of its depths, by ratio."""
         there = jnp.isfinite(near)
-        start, end = (jnp.where(there.any(), v, 0) for v in (least.min(), largest.max()))
-        near, far = jnp.where(there, near, 1), jnp.where(there, far, 1)
+        middle = jnp.sqrt(jnp.where(there, near, 1)) * jnp.sqrt(jnp.where(there, far, 1))
+
+        def row_parts(_, row):
+            row, middle = row
+            seen, z, _ = depths(row)
+            z, seen = self._in_cells(z, 1.0), self._in_cells(seen, False)
+            before = z <= middle[:, None]
+            nearer = jnp.where(seen & before, z, -jnp.inf).max(1)
+            return None, (nearer, jnp.where(seen & ~before, z, jnp.inf).min(1))
+
+        _, (nearer, beyond) = jax.lax.scan(row_parts, None, (rows, jax.lax.stop_gradient(middle)))
+        # `middle` may be rounded to `near` or `far` where these are all but equal: both ends are somewhere.
+        nearer = jnp.where(jnp.isfinite(nearer), nearer, near)
+        return (near, jnp.where(there, nearer, -jnp.inf)), (beyond, jnp.where(jnp.isfinite(beyond), far, -jnp.inf))
+
+    def _in_cells(self, row: Array, fill) -> Array:
+        """(cells, pixels of each) of a row."""
+        size = max(1, round(self.depth.size / _CELLS))
+        return jnp.pad(row, (0, -len(row) % size), constant_values=fill).reshape(-1, size)
+
+    def _bounds(self, start, end, slopes: tuple[Array, Array], frame: LightFrame, near: Array, far: Array) -> Groups:
+        """What cells with these depths can reach, by the slopes at their ends, in bins."""
+        width = self.depth.shape[1]
+        size = max(1, round(self.depth.size / _CELLS))
+        across, up = slopes
+        there = jnp.isfinite(near)
         first = np.arange(0, width, size)
         ends = across[first], across[np.minimum(first + size, width) - 1]
+        # What is not there bounds nothing: its least is inf, its largest -inf.
+        nearest, farthest = jnp.where(there, near, 1), jnp.where(there, far, 1)
 
         def extents(axis: Array) -> tuple[Array, Array, Array, Array]:
             """(least, a least that is reached, a largest that is reached, largest) of axis . c."""
             one, other = (axis[0] * end + (axis[1] * up + axis[2])[:, None] for end in ends)
             low, high = jnp.where(one < other, one, other), jnp.where(one < other, other, one)
             return (
-                low * jnp.where(low > 0, near, far), high * jnp.where(high > 0, near, far),
-                low * jnp.where(low > 0, far, near), high * jnp.where(high > 0, far, near),
+                low * jnp.where(low > 0, nearest, farthest), high * jnp.where(high > 0, nearest, farthest),
+                low * jnp.where(low > 0, farthest, nearest), high * jnp.where(high > 0, farthest, nearest),
             )  # fmt: skip
 
-        (d_least, *_, d_largest), (x_least, *reached, x_largest), (h_least, *_, h_largest) = (
+        (d_least, _, _, d_largest), (x_least, *reached, x_largest), (h_least, _, _, h_largest) = (
             extents(axis) for axis in (frame.z_axis, frame.x_axis, frame.light)
         )
         d_least, d_largest = jnp.where(d_least > start, d_least, start), jnp.where(d_largest < end, d_largest, end)
-        cells = Groups(d_least, d_largest, x_least, x_largest, h_least, h_largest, near, tuple(reached))
-        return start, end, jax.tree.map(lambda v, sign: jnp.where(there, v, sign * jnp.inf).ravel(), cells, _SIGNS)
+        cells = Groups(d_least, d_largest, x_least, x_largest, h_least, h_largest, nearest, tuple(reached))
+        share = (d_least - start) / jnp.where(end > start, end - start, 1)
+        which = bin_of(jnp.where(there, share, 0)).ravel()
+
+        def joined(values: Array, sign: int) -> Array:
+            values = jnp.where(there, values, sign * jnp.inf).ravel()
+            return (jax.ops.segment_min if sign > 0 else jax.ops.segment_max)(values, which, BINS)
+
+        return jax.tree.map(joined, cells, _SIGNS)
 
 
-# Of each bound, whether groups join in the least (1) or the largest (-1), and where empty ones stand.
-_SIGNS = Groups(1, -1, 1, -1, 1, -1, 1, (1, -1))
+# Whether groups join in the least (1) or in the largest (-1) of each bound.
+_SIGNS = Groups(
+    least_depth=1, largest_depth=-1, least_lateral=1, largest_lateral=-1, least_light=1, largest_light=-1, z=1,
+    reached=(1, -1),
+)  # fmt: skip
 
 
-def _joined(values: Array, sign: int, which: Array) -> Array:
-    """The cells' bounds gathered into bins."""
-    return (jax.ops.segment_min if sign > 0 else jax.ops.segment_max)(values, which, BINS)
+def _union(one: Groups, other: Groups) -> Groups:
+    """Groups that hold what is in either, group by group."""
+    return jax.tree.map(lambda a, b, sign: jnp.where(sign * a < sign * b, a, b), one, other, _SIGNS)
 
 
 def eye_points(buffer: DepthBuffer, camera: Camera) -> tuple[Float[Array, "H W 3"], Bool[Array, "H W"]]:

@@ -18,7 +18,9 @@ from .whole_frustum import unit_nodes
 class DepthHistogram(eqx.Module):
     """Receivers spread evenly over the screen at each depth, and evenly in depth within each bin.
 
-    That is all a histogram says; where the scene is lopsided (ground below, sky above) a `DepthBuffer` knows better.
+    That is all a histogram says; where the scene is lopsided (ground below, sky above) a `DepthBuffer` knows better: on
+    hills, over light directions, the L2 norm with a histogram's warp is up to 6 (E_p) and 250 times (E_pxq) above the
+    optimum's, little better than with no knowledge of the scene (docs/performance.md).
 
     Args:
         edges: (K + 1,) eye depths, increasing, > 0. What lies outside the view frustum is cut off.
