@@ -2,10 +2,10 @@
 
     python experiments/stability.py --directory runs/stability
 
-Draws come from the edges of the input (see `draws`); every metric, the norms 1, 2, 3 and inf, and every measure are
-solved for a share of them, in float64 and float32. Errors are in units of eps against references that take the inputs as
-the exact numbers they are. Writes `report.md`, `stability.json`, `worst.csv` (the inputs of each worst case, in exact
-hexadecimal, to rerun it) and `heat_map.png`. `--draws` is a number for each dtype.
+Draws come from the edges of the input (see `draws`); each objective, of every metric, the norms 1, 2, 3 and inf, and
+every measure, is solved for a share of them, in float64 and float32. Errors are in units of eps against references that
+take the inputs as the exact numbers they are. Writes `report.md`, `stability.json`, `worst.csv` (the inputs of each
+worst case, in exact hexadecimal, to rerun it) and `heat_map.png`. `--draws` is a number for each dtype.
 """
 
 import argparse
