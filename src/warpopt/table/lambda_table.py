@@ -37,6 +37,12 @@ class LambdaTable(eqx.Module):
         achieved: the largest found, at
         worst: this (theta, far/near, half_fov).
         version: of warpopt.
+
+    Example:
+        >>> import warpopt
+        >>> table = warpopt.build_table(warpopt.ViewFrustum(1.0, 100.0, 0.5236), max_regret=1e-2)
+        >>> table.theta.shape[-1] <= 6 and abs(float(table.eta(1.5707963)) / 0.1 - 1) < 0.01
+        True
     """
 
     depth_ratio: Float[np.ndarray, " R"]
