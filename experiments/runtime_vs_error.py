@@ -99,7 +99,7 @@ def ours(sample: Sample, batch: int) -> list[dict]:
         nodes = ((f"warpopt, {k}-node quadrature", "float64", {"quadrature_nodes": k}) for k in (8, 16, 32))
         variants += list(nodes)
     for name, dtype, options in variants:
-        size = batch if "quadrature" not in name else max(batch // 1000, 64)
+        size = batch if "quadrature" not in name else min(batch, max(batch // 1000, 64))
         frustum, theta = frustum_of(problems(size, 0), dtype)
         solve = {"throw": False, **options}
         timing = seconds(lambda f=frustum, t=theta, o=solve: warpopt.optimal_warp(f, t, metric, norm, measure, **o))
@@ -121,7 +121,7 @@ def published(sample: Sample, batch: int) -> list[dict]:
 
 def deep(arguments, metric: str, norm: str, measure: str) -> list[dict]:
     """The solver alone on f/n up to 1e12: reported, not promised (eta's condition grows near the onset of no warp)."""
-    sample = Sample(max(arguments.references // 3, 3), metric, norm, measure, 1e12)
+    sample = Sample(max(arguments.references // 3, 6), metric, norm, measure, 1e12)
     frustum, theta = frustum_of(problems(arguments.batch, 0, 1e12))
     timing = seconds(lambda: warpopt.optimal_warp(frustum, theta, metric, norm, measure, throw=False))
     eta = warpopt.optimal_warp(*frustum_of(sample.problem), metric, norm, measure, throw=False).warp.eta
@@ -135,7 +135,7 @@ def measure_methods(arguments) -> list[dict]:
         sample = Sample(arguments.references, metric, norm, measure, 1e4)
         found = ours(sample, arguments.batch)
         found += [scipy_one_at_a_time(sample, effort, 100) for effort in (1e-3, 1e-8)]
-        fewer = problems(max(arguments.batch // 100, 50), 0)
+        fewer = problems(min(arguments.batch, max(arguments.batch // 100, 50)), 0)
         many, few = frustum_of(fewer), frustum_of(sample.problem)
         found += scipy_vectorised(sample, fewer, seconds)
         found += [dense_grid(sample, points, many, few, seconds) for points in (64, 1024)]
@@ -227,7 +227,7 @@ def main(words: list[str] | None = None) -> None:
     parser.add_argument("--page", type=Path, help="a page with a place for `targets`")
     arguments = parser.parse_args(words)
     if arguments.short:
-        arguments.batch, arguments.references = 2_000, 6
+        arguments.batch = arguments.references = 6  # one shape: everything is compiled once
     arguments.directory.mkdir(parents=True, exist_ok=True)
     from targets import measure_targets
 

@@ -231,7 +231,7 @@ def test_a_folder_that_is_no_result_is_refused_and_kept(folder, capsys):
 
 
 def test_a_result_is_replaced_whole_unless_someone_added_to_it(folder, capsys):
-    assert invoke("run", "config.toml", "--output.figures", "true", "--light.theta_deg", "[60]") == 0
+    assert invoke("run", "config.toml", "--output.figures", "true") == 0
     assert invoke("run", "config.toml", "--objective.metrics", "p") == 0
     assert not list((folder / "out").glob("*.png"))
     assert sorted(p.name for p in folder.iterdir()) == ["config.toml", "out"]

@@ -1,12 +1,14 @@
 """A short slice of each experiment: that it runs, and that what it must find holds."""
 
 import csv
+import importlib
 import json
 import math
 import os
 import shutil
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import mpmath as mp
@@ -17,16 +19,22 @@ import twin
 EXPERIMENTS = Path(__file__).parents[1] / "experiments"
 
 
-def run(name: str, *arguments: str) -> str:
-    command = [sys.executable, str(EXPERIMENTS / name), *arguments]
-    result = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "JAX_ENABLE_X64": "1"})
-    assert result.returncode == 0, result.stdout + result.stderr
-    return result.stdout
+@pytest.fixture
+def main(monkeypatch):
+    """Run a script's `main` in this process: the slices share what is imported and compiled."""
+    monkeypatch.setattr(sys, "path", [str(EXPERIMENTS), *sys.path])
+
+    def run(name: str, *arguments: str) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("default")  # a script's, as on the command line
+            assert not importlib.import_module(name).main(list(arguments))
+
+    return run
 
 
-def test_stability_meets_every_target_on_a_slice(tmp_path):
+def test_stability_meets_every_target_on_a_slice(tmp_path, main):
     arguments = ["--draws", "1500", "--references", "9", "--points", "60", "--combinations", "2", "--processes", "1"]
-    run("stability.py", *arguments, "--directory", str(tmp_path))
+    main("stability", *arguments, "--directory", str(tmp_path))
     summary = json.loads((tmp_path / "stability.json").read_text())
     assert summary["defects"] == []
     for dtype in ("float64", "float32"):
@@ -38,8 +46,8 @@ def test_stability_meets_every_target_on_a_slice(tmp_path):
     assert (tmp_path / "heat_map.png").stat().st_size > 10_000
 
 
-def test_runtime_vs_error_runs_and_orders_the_methods(tmp_path):
-    run("runtime_vs_error.py", "--short", "--directory", str(tmp_path))
+def test_runtime_vs_error_runs_and_orders_the_methods(tmp_path, main):
+    main("runtime_vs_error", "--short", "--directory", str(tmp_path))
     with (tmp_path / "methods.csv").open() as file:
         rows = {(r["method"], r["effort"]): r for r in csv.DictReader(file)}
     ours = float(rows["warpopt", ""]["eta_error_worst"])
@@ -52,11 +60,11 @@ def test_runtime_vs_error_runs_and_orders_the_methods(tmp_path):
     assert (tmp_path / "runtime_vs_error.png").stat().st_size > 10_000
 
 
-def test_what_is_not_asked_for_is_measured(tmp_path):
+def test_what_is_not_asked_for_is_measured(tmp_path, main):
     """The script runs, and writes its table into a page without touching the rest."""
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- only what is asked -->\nold\n<!-- end only what is asked -->\nafter\n")
-    run("only_what_is_asked.py", "--short", "--directory", str(tmp_path), "--page", str(page))
+    main("only_what_is_asked", "--short", "--directory", str(tmp_path), "--page", str(page))
     savings = json.loads((tmp_path / "savings.json").read_text())["savings"]
     assert all(s["without"] > 0 and s["with"] > 0 for s in savings)
     text = page.read_text()
@@ -66,9 +74,9 @@ def test_what_is_not_asked_for_is_measured(tmp_path):
     assert all(s["saving"] in text for s in savings)
 
 
-def test_scene_receivers_are_measured(tmp_path):
+def test_scene_receivers_are_measured(tmp_path, main):
     """It runs; the histogram's warp is never better than the buffer's own, and far better than none."""
-    run("scene_receivers.py", "--short", "--directory", str(tmp_path))
+    main("scene_receivers", "--short", "--directory", str(tmp_path))
     summary = json.loads((tmp_path / "receivers.json").read_text())
     assert all(row["ms"] > 0 for row in summary["buffer"] + summary["bodies"])
     for row in summary["histogram_regret"]:
@@ -80,7 +88,10 @@ def test_look_ups_are_timed_beside_lispsm(tmp_path):
     """The program compiles and runs, and the page gets its table; how long it takes decides nothing here."""
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- lookup speed -->\n<!-- end lookup speed -->\nafter\n")
-    run("lookup_speed.py", "--short", "--directory", str(tmp_path), "--readme", str(page))
+    command = [sys.executable, str(EXPERIMENTS / "lookup_speed.py"), "--short", "--directory", str(tmp_path)]
+    environment = {**os.environ, "JAX_ENABLE_X64": "1"}
+    result = subprocess.run([*command, "--readme", str(page)], capture_output=True, text=True, env=environment)
+    assert result.returncode == 0, result.stdout + result.stderr
     times = json.loads((tmp_path / "speed.json").read_text())["ns"]["gcc"]
     assert len(times) == 5
     assert all(0 < ns < 1e6 for ns in times.values())

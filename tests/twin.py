@@ -26,6 +26,7 @@ class Scene:
         heights = [z * self.sin - y * self.cos for _, y, z in self.corners]
         self.d0 = min(heights)
         self.mu = max(heights) - self.d0
+        self._width = None
 
     def depth(self, y, z):
         return z * self.sin - y * self.cos - self.d0
@@ -35,7 +36,9 @@ class Scene:
 
     def tan_phi_w(self, lam):
         """The narrowest lateral opening of W that contains V: the maximum over all corners."""
-        return max(abs(x) / (lam + self.depth(y, z)) for x, y, z in self.corners)
+        if self._width is None or self._width[0] != lam:  # many points are asked for one lambda
+            self._width = lam, max(abs(x) / (lam + self.depth(y, z)) for x, y, z in self.corners)
+        return self._width[1]
 
     def e_p(self, lam, y, z):
         return self.mu / ((lam + self.mu) * lam * self.tan_phi) * (lam + self.depth(y, z)) ** 2 / z
@@ -44,7 +47,9 @@ class Scene:
         return 2 * self.tan_phi_w(lam) / self.tan_phi * (lam + self.depth(y, z)) / z
 
     def error(self, alpha, beta, lam, y, z):
-        return self.e_p(lam, y, z) ** alpha * self.e_q(lam, y, z) ** beta
+        # nothing is computed that has the exponent 0
+        along = self.e_p(lam, y, z) ** alpha if alpha else mpf(1)
+        return along * self.e_q(lam, y, z) ** beta if beta else along
 
     def no_warp_error(self, alpha, beta, z):
         """The limit lambda -> inf, where neither error depends on y."""

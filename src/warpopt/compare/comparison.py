@@ -35,6 +35,14 @@ class Comparison:
         regions: for directions in order, {"worse", "no_warp", "undefined"}: for each rule the intervals of theta
             (radians, ends bisected) in which it is worse than no warp, gives no warp, or is not defined. None where
             the directions are those of a list.
+
+    Example:
+        >>> import math, warpopt
+        >>> frustum = warpopt.ViewFrustum(near=1.0, far=100.0, half_fov=math.radians(30.0))
+        >>> theta = [math.radians(degrees) for degrees in (1.0, 30.0, 60.0, 90.0)]
+        >>> comparison = warpopt.compare_rules(frustum, theta, ["lispsm", "tsm"])
+        >>> comparison.ranking(), comparison.complete("tsm"), comparison.ratio.round(2)[0].tolist()
+        (['lispsm', 'tsm'], True, [1.0, 1.79, 1.04, 1.0])
     """
 
     names: tuple[str, ...]
