@@ -83,6 +83,17 @@ def test_scene_receivers_are_measured(tmp_path, main):
         assert -1e-9 < row["histogram"] < row["no warp"]
 
 
+def test_sizes_of_tables_are_measured(tmp_path, main):
+    page = tmp_path / "page.md"
+    page.write_text("<!-- table sizes -->\n<!-- end table sizes -->\n")
+    main("table_sizes", "--short", "--directory", str(tmp_path), "--page", str(page))
+    (row,) = json.loads((tmp_path / "sizes.json").read_text())["tables"]
+    assert row["knots a row"] * 8 == row["bytes"]
+    assert float(row["largest regret"]) <= 1e-3
+    assert row["plain entries"] > 3 * row["knots a row"]  # that is what kinks as knots are for
+    assert f"| {row['bytes']} |" in page.read_text()
+
+
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not on this machine: apt-get install gcc")
 def test_look_ups_are_timed_beside_lispsm(tmp_path):
     """The program compiles and runs, and the page gets its table; how long it takes decides nothing here."""
