@@ -1,4 +1,4 @@
-"""The matrix to render with: where points land, in every convention."""
+"""The matrix to render with: where points land, in conventions of every kind."""
 
 import jax
 import jax.numpy as jnp
@@ -10,9 +10,10 @@ import warpopt
 from warpopt import Camera, ClipSpace, ConvexBody, DirectionalLight, PointReceivers, Warp, scene_warp, shadow_matrix
 
 N, F, PHI = 1.0, 100.0, np.pi / 6
+# Half of the sixteen, each compiled for itself: every three of the four choices in all eight ways.
 CONVENTIONS = [
-    ClipSpace(z, y, reverse, rows)
-    for z in (False, True) for y in (False, True) for reverse in (False, True) for rows in (False, True)
+    ClipSpace(z, y, reverse, z ^ y ^ reverse)
+    for z in (False, True) for y in (False, True) for reverse in (False, True)
 ]  # fmt: skip
 
 
@@ -48,7 +49,7 @@ def eye_points(seed, count=300):
 
 @pytest.mark.parametrize("theta", [0.2, 0.8, np.pi / 2, 2.2])
 def test_texture_coordinates_are_the_theorys(theta):
-    """(t, s) through the matrix equals AT09's to 1e-12, in every convention, for any pose; the map is just filled."""
+    """(t, s) through the matrix equals AT09's to 1e-12, in eight conventions, for any pose; the map is just filled."""
     camera, light, to_world = posed(theta)
     frustum, warp = warpopt.ViewFrustum(N, F, PHI), Warp.from_eta(0.07, 1.0)
     eye = eye_points(0)
