@@ -56,7 +56,8 @@ def test_run_writes_a_table_that_reads_back_as_the_library_computes(folder, caps
     assert list(rows[0])[:11] == head.split(",")
     assert len(rows) == 8
     frustum = warpopt.ViewFrustum(1.0, 100.0, np.deg2rad(30.0))
-    arrays = np.load(folder / "out/table.npz")
+    with np.load(folder / "out/table.npz") as file:
+        arrays = dict(file)
     for o, metric in enumerate(("p", "q")):
         theta = np.deg2rad(np.array([10.0, 30.0, 60.0, 90.0]))
         solution = warpopt.optimal_warp(frustum, theta, metric, "inf")
@@ -257,7 +258,8 @@ def test_help_and_refusals_do_not_wait_for_jax():
 
 def test_a_view_list_gives_one_table_for_each_value(folder):
     assert invoke("run", "config.toml", "--view.far", "[10, 1000]", "--objective.metrics", "p") == 0
-    arrays = np.load(folder / "out/table.npz")
+    with np.load(folder / "out/table.npz") as file:
+        arrays = dict(file)
     assert arrays["eta"].shape == (1, 2, 4)
     assert arrays["far"].tolist() == [10.0, 1000.0]
     # at pi/2 the optimum of E_p in L-inf is sqrt(n/f)

@@ -244,7 +244,8 @@ def test_the_table_attains_the_limit_and_is_written_whole(tmp_path, norm, measur
     read = json.loads(paths[2].read_text())
     assert read["format"] == "warpopt.LimitMap 1"
     np.testing.assert_array_equal(read["s"], best.s)
-    np.testing.assert_array_equal(np.load(paths[0])["delta"], best.delta)
+    with np.load(paths[0]) as file:
+        np.testing.assert_array_equal(file["delta"], best.delta)
     with pytest.raises(ValueError, match=r"expected an ending"):
         best.save(tmp_path / "map.txt")
 
