@@ -15,6 +15,7 @@ from warpopt.app import cli, writing
 from warpopt.app import table as table_command
 
 TABLE = str(Path(__file__).parents[1] / "configs" / "table.toml")
+FAR_NEAR = str(Path(__file__).parents[1] / "configs" / "table_far_near.toml")
 ALL = "c,cpp,glsl,hlsl,wgsl,csv,json,npz"
 LOOSE = ["--objective.max_regret", "0.05", "--view.far", "10"]  # few knots: quickly built
 
@@ -98,6 +99,9 @@ def test_the_closed_form_needs_no_table(folder):
         (["table", TABLE, "--objective.max_regret", "0"], "objective.max_regret: got 0"),
         (["table", TABLE, "--light.theta_deg.stop", "91"], "light.theta_deg.stop: got 91"),
         (["table", TABLE, "--light.theta_deg.start", "50", "--light.theta_deg.stop", "40"], "more than start = 50"),
+        (["table", TABLE, "--view.far_over_near.start", "2", "--view.far_over_near.stop", "9"], "one of far and far_over"),
+        (["table", FAR_NEAR, "--view.far_over_near.start", "0.5"], "far_over_near.start: got 0.5, expected more than 1"),
+        (["table", FAR_NEAR, "--objective.max_slope", "-1"], "objective.max_slope: got -1"),
         (["table", TABLE, "--view.colour", "1"], "view.colour: unknown key"),
         (["table", "none.toml"], "none.toml: cannot be read"),
     ],

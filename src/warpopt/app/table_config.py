@@ -9,19 +9,23 @@ from pydantic import Field
 from .config import HalfFovDeg, Measure, Metric, Norm, Positive, Section, beyond
 
 
-class Span(Section):
-    """Smallest and largest value that a table covers."""
+class Rising(Section):
+    """What has a start and a stop beyond it."""
 
-    start: Positive
-    stop: Positive
-
-    @pydantic.field_validator("stop")
+    @pydantic.field_validator("stop", check_fields=False)
     @classmethod
     def _after_start(cls, stop: float, info: pydantic.ValidationInfo) -> float:
         start = info.data.get("start")
         if start is not None and stop <= start:
             raise ValueError(f"expected more than start = {start}")
         return stop
+
+
+class Span(Rising):
+    """Smallest and largest value that a table covers."""
+
+    start: Positive
+    stop: Positive
 
 
 class TableView(Section):
@@ -52,19 +56,11 @@ class TableView(Section):
         return far if far is None else beyond([far], info)[0]
 
 
-class ThetaSpan(Section):
+class ThetaSpan(Rising):
     """First and last angle between light and view direction; beyond 90 degrees a look-up folds them."""
 
     start: Annotated[float, Field(ge=0, lt=90, strict=True)] = 0.0
     stop: Annotated[float, Field(gt=0, le=90, strict=True)] = 90.0
-
-    @pydantic.field_validator("stop")
-    @classmethod
-    def _after_start(cls, stop: float, info: pydantic.ValidationInfo) -> float:
-        start = info.data.get("start")
-        if start is not None and stop <= start:
-            raise ValueError(f"expected more than start = {start}")
-        return stop
 
 
 class TableLight(Section):
