@@ -3,7 +3,10 @@
 import dataclasses
 import itertools
 import math
+import os
 from collections.abc import Callable
+
+os.environ.setdefault("JAX_ENABLE_X64", "1")
 
 import numpy as np
 
@@ -78,7 +81,7 @@ def relative(got, expected) -> float:
     return float(np.abs(np.asarray(got) / expected - 1).max())
 
 
-def optimum(metric: str, theta) -> warpopt.Solution:
-    """Of one fixed shape, so that each metric is compiled once."""
+def optimum(metric: str, theta, norm: str = "inf") -> warpopt.Solution:
+    """Of one fixed shape, so that each objective is compiled once."""
     directions = np.resize(np.asarray(theta, float), 8)
-    return warpopt.optimal_warp(PAPER, directions, metric)
+    return warpopt.optimal_warp(PAPER, directions, metric, norm)

@@ -1,6 +1,6 @@
 """What the sources claim, checked: each statement one row, with its verdict, the number behind it and the inputs.
 
-    JAX_ENABLE_X64=1 python experiments/claims.py [--page docs/claims.md]
+    python experiments/claims.py [--page docs/claims.md]
 
 Errors are evaluated from raw geometry in NumPy (`claim_checks.Geometry`), rules and optima by the package. A verdict is
 computed from its numbers; the words of a row never decide it.

@@ -90,14 +90,14 @@ def frustum_of(problem, dtype=np.float64):
     return warpopt.ViewFrustum(near, far, half_fov), jnp.asarray(theta)
 
 
-def ours(sample: Sample, batch: int) -> list[dict]:
+def ours(sample: Sample, batch: int, short: bool = False) -> list[dict]:
     rows = []
     metric, norm, measure = sample.key
-    variants = [("warpopt", "float64", {}), ("warpopt, iterative", "float64", {"method": "iterative"})]
-    variants.append(("warpopt, float32", "float32", {}))
+    paths = [("", {}), (", iterative", {"method": "iterative"})]
     if norm == "l2":
-        nodes = ((f"warpopt, {k}-node quadrature", "float64", {"quadrature_nodes": k}) for k in (8, 16, 32))
-        variants += list(nodes)
+        paths += [(f", {k}-node quadrature", {"quadrature_nodes": k}) for k in (8, 16, 32)]
+    dtypes = ("float64",) if short else ("float64", "float32")
+    variants = [(f"warpopt{word}{', float32' * (d == 'float32')}", d, o) for d in dtypes for word, o in paths]
     for name, dtype, options in variants:
         size = batch if "quadrature" not in name else min(batch, max(batch // 1000, 64))
         frustum, theta = frustum_of(problems(size, 0), dtype)
@@ -133,7 +133,7 @@ def measure_methods(arguments) -> list[dict]:
     combinations = [(m, n, d) for m in METRICS for n in NORMS for d in MEASURES if n != "inf" or d == "screen"]
     for metric, norm, measure in combinations if not arguments.short else [("p", "l2", "screen")]:
         sample = Sample(arguments.references, metric, norm, measure, 1e4)
-        found = ours(sample, arguments.batch)
+        found = ours(sample, arguments.batch, arguments.short)
         found += [scipy_one_at_a_time(sample, effort, 100) for effort in (1e-3, 1e-8)]
         fewer = problems(min(arguments.batch, max(arguments.batch // 100, 50)), 0)
         many, few = frustum_of(fewer), frustum_of(sample.problem)

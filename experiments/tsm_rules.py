@@ -1,10 +1,13 @@
 """TSM's two rules for theta <= phi: where each has the smaller error, and where it gives no warp.
 
-JAX_ENABLE_X64=1 python experiments/tsm_rules.py [--page docs/corrections.md]
+python experiments/tsm_rules.py [--page docs/corrections.md]
 """
 
 import argparse
+import os
 from pathlib import Path
+
+os.environ.setdefault("JAX_ENABLE_X64", "1")
 
 import numpy as np
 from provenance import write_section

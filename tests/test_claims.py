@@ -10,14 +10,14 @@ EXPERIMENTS = Path(__file__).parents[1] / "experiments"
 VERDICTS = {
     "reproduced": {
         "mu", "grows_downwards", "largest", "along_the_view", "psm", "ssm", "tsm_below", "tsm_zero", "alternative",
-        "scale", "minimum_norm", "n_opt", "logarithm", "perpendicular", "extent",
+        "scale", "minimum_norm", "n_opt", "logarithm", "extent",
     },
     "holds under a condition": {
         "width", "width_f_q", "e_q_extrema", "tsm_stronger", "halves", "lispsm_minimal", "storage", "strength", "apex",
-        "lispsm_below",
+        "lispsm_below", "perpendicular",
     },
     "contradicted": {
-        "f_p_above", "f_p_below", "least", "no_advantage", "tsm_above", "area", "parallel",
+        "f_p_above", "f_p_below", "least", "no_advantage", "tsm_above", "area", "parallel", "most_aliasing",
     },
 }  # fmt: skip
 
@@ -51,7 +51,8 @@ def test_every_verdict(rows):
         ("area", ("2.0000",)),
         ("lispsm_minimal", ("1.00", "1.04", "1.79")),
         ("logarithm", ("7.976", "2.15")),  # log(100) / tan(30 deg)
-        ("perpendicular", ("10 at 90", "464 at 90")),
+        ("perpendicular", ("10 at 90", "464 at 90", "3.45 at 30")),
+        ("most_aliasing", ("171.5 at 90",)),  # 99 / tan(30 deg)
         ("tsm_zero", ("0.3333", "0.5714")),
     ],
 )

@@ -50,6 +50,7 @@ def test_a_tables_code_is_its_look_up(table, tmp_path, compiler, language):
     # mu's sum, and 1 - eta next to no warp, which costs digits in single precision
     assert (np.abs(lam[inside] / exact - 1) < 1e-5 + 2 * EPS / (1 - expected[inside])).all()
     assert (lam[expected == 1] > 3.3e38).all()
+    assert ((lam > 0) & np.isfinite(lam)).all()
 
 
 def rows_of(rows: int, fovs: int) -> warpopt.LambdaTable:
@@ -89,7 +90,10 @@ def test_the_code_of_several_rows_is_their_look_up(rows, fovs, compiler, tmp_pat
     if fovs == 1:
         table = eqx.tree_at(lambda t: t.half_fov, table, np.array([0.5]))
     given = frusta_around(100_000)
-    eta, _ = run_compiled(compiler, language.suffix, source(table, language), given, fovs > 1, tmp_path).T
+    eta, lam = run_compiled(compiler, language.suffix, source(table, language), given, fovs > 1, tmp_path).T
+    assert (np.isfinite(lam) & (lam > 0)).all()
+    no_frustum = ~((given[:, 1] > 0) & (given[:, 2] > given[:, 1]) & np.isfinite(given[:, 2]))
+    assert (lam[no_frustum] > 3.3e38).all()
     with np.errstate(all="ignore"):
         expected = table.eta_numpy(given[:, 0], given[:, 2] / given[:, 1], given[:, 3])
     assert ulps(eta, expected).max() <= 4

@@ -215,6 +215,9 @@ def test_edited_tables_are_refused(table, tmp_path):
         ('"eta": [\n  ', '"eta": [\n  -', "negative"), ('"eta": [', '"eta": [\n  1.0,', "as many of each"),
         ('"theta": [\n  0.0', '"theta": [\n  9.0', "does not increase"),
         ('"max_slope": "none"', '"max_slope": "-1"', "max_slope"),
+        ('"metric": "p"', '"metric": "z"', "metric: got 'z'"),
+        ('"norm": "inf"', '"norm": "seven"', "seven"), ('"promised": 0.001', '"promised": 1e-9', "digest"),
+        ('"version": "', '"version": "9\\n#error ', "digest"),
     ):  # fmt: skip
         assert old in text
         path.write_text(text.replace(old, new))
@@ -231,3 +234,32 @@ def test_bad_builds_are_refused():
             build_table(FRUSTUM, **options)
     with pytest.raises(ValueError, match=r"frustum: got shape \(2,\)"):
         build_table(warpopt.ViewFrustum(1.0, np.array([2.0, 3.0]), 0.5))
+
+
+def test_a_file_that_is_cut_or_altered_anywhere_is_refused(wide, tmp_path):
+    """Every cut of the last bytes, and single digits changed all over the file, in the formats that are text."""
+    for ending in ("csv", "json"):
+        path = tmp_path / f"table.{ending}"
+        wide.save(path)
+        whole = path.read_bytes()
+        for length in range(len(whole) - 20, len(whole) - 2):  # the last line's end may go
+            path.write_bytes(whole[:length])
+            with pytest.raises(TableFileError):
+                LambdaTable.load(path)
+        digits = [i for i, byte in enumerate(whole) if byte in b"1234567"]
+        for i in digits[:: max(1, len(digits) // 60)]:
+            path.write_bytes(whole[:i] + bytes([whole[i] + 1]) + whole[i + 1 :])
+            try:
+                same = LambdaTable.load(path)
+            except TableFileError:
+                continue
+            same.save(path)  # a last digit that no double knows
+            assert path.read_bytes() == whole
+
+
+def test_the_slope_at_a_knot_is_that_of_the_piece_that_ends_there(table):
+    for k in (2, 3, 4):
+        theta, eta = table.theta[0, 0, k - 1 : k + 1], table.knot_eta[0, 0, k - 1 : k + 1]
+        expected = np.diff(eta)[0] / np.diff(theta)[0]
+        if eta[1] < 1:
+            assert float(jax.grad(table.eta)(theta[1])) == pytest.approx(expected, rel=1e-9)

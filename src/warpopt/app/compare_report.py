@@ -92,7 +92,8 @@ def _opening(config: CompareConfig | SceneCompareConfig) -> str:
             f"The receivers of a scene ({kind.replace('_', ' ')}). Rules are applied as engines apply them, to the "
             "receivers' own eye depths and their extent along the warp; your own rules and TSM's alternative, which "
             "are made for the whole frustum, keep the apex that they have there: lambda over the receivers is lambda "
-            "+ (where the receivers begin) - (where the frustum begins)."
+            "+ (where the receivers begin) - (where the frustum begins). Of points and depth buffers the limit is "
+            "that of maps that are linear within each of 256 depths, below which a warp may be by up to 8 %."
         )
     return (
         f"{over}\n\nAll numbers are multiples of the optimum's error, which is 1. A rule counts where it is defined; "

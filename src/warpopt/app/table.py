@@ -46,6 +46,11 @@ def run_table(config: TableConfig) -> int:
     if objective.max_slope is None:
         print(f"largest regret {table.achieved:.4g} of {table.promised:g} promised, at {where}")
     else:
-        print(f"largest regret {table.achieved:.4g}, the least under the bound of {objective.max_slope:g}, at {where}")
+        bound = f"|d log(eta) / d theta| <= {objective.max_slope:g}"
+        print(f"largest regret {table.achieved:.4g} with {bound}, at {where}")
+        if table.promised > objective.max_regret:
+            print(
+                f"more than the {objective.max_regret:g} asked for, and within 10 % of the least that the bound allows"
+            )
     print(f"Written: {path}")
     return 0

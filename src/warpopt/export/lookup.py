@@ -103,13 +103,19 @@ def _eta_body(axes: list[str]) -> str:
 
 _LAMBDA = """
 float eta = $eta({parameters});
-float s = abs(sin(theta));
-float t = {tangent} * abs(cos(theta));
+float angle = theta;
+if (!(angle > 0.0f)) {{ angle = 0.0f; }}
+if (angle > $PI) {{ angle = $PI; }}
+float s = abs(sin(angle));
+float t = {tangent} * abs(cos(angle));
 float above = s - t;
 if (above < 0.0f) {{ above = 0.0f; }}
 float mu = (z_far - z_near) * above + 2.0f * z_far * t;
 float lambda = $NO_WARP;
-if (eta < 1.0f) {{ lambda = mu * eta / (1.0f - eta); }}
+if (eta < 1.0f && mu > 0.0f && z_near > 0.0f && z_far > z_near && z_far < $NO_WARP) {{
+    lambda = mu * eta / (1.0f - eta);
+}}
+if (!(lambda < $NO_WARP)) {{ lambda = $NO_WARP; }}
 return lambda;
 """
 

@@ -128,5 +128,7 @@ def single(value: float) -> str:
         >>> single(0.1), single(1.0), single(1e-30)
         ('0.1', '1.0', '1e-30')
     """
+    if not abs(value) <= float(np.finfo(np.float32).max):
+        raise ValueError(f"value: got {value!r}, expected a number that single precision holds")
     text = str(np.float32(value))
     return text if "." in text or "e" in text else text + ".0"

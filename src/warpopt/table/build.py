@@ -58,8 +58,8 @@ def build_table(
         depth_ratio_range: smallest and largest far/near, > 1, for a table over it.
         half_fov_range: smallest and largest half field of view, radians, within (0, pi/2), likewise.
         max_slope: bound on |d log(eta) / d theta|, per radian, so that a moving light does not make shadows swim. The
-            table's largest regret is then the least that the bound allows, and may exceed max_regret; `promised` says
-            what it keeps. For one far/near and field of view.
+            table's largest regret is then max_regret, or within 10 % of the least that the bound allows where that is
+            more; `promised` says what it keeps. For one far/near and field of view.
 
     Raises:
         ValueError: bad arguments.
@@ -84,7 +84,7 @@ def build_table(
     error_norm = ErrorNorm.of(metric, norm, measure)
     objective = Objective(metric, error_norm.order, measure)
     if max_slope is not None:
-        attempts = _bounded(ranges, objective, max_slope)
+        attempts = _bounded(ranges, objective, max_slope, _SHARE * float(max_regret))
     else:
         attempts = (_single_row if ranges.single else _several_rows)(ranges, objective, float(max_regret))
     rows, promise = next(attempts)
@@ -184,9 +184,9 @@ def _several_rows(ranges: Ranges, objective: Objective, promise: float) -> _Atte
         share *= 0.97
 
 
-def _bounded(ranges: Ranges, objective: Objective, max_slope: float) -> _Attempts:
+def _bounded(ranges: Ranges, objective: Objective, max_slope: float, wanted: float) -> _Attempts:
     """The row of the least regret under a bound on its slope, which is what it then keeps, up to what lies between."""
-    rows, least = least_regret(ranges, objective, max_slope)
+    rows, least = least_regret(ranges, objective, max_slope, wanted)
     slack = 1e-3
     while True:
         yield rows, least * (1 + slack)

@@ -1,6 +1,7 @@
 """Tables on disk: npz, csv and json, written whole, read back with every flaw named."""
 
 import csv
+import hashlib
 import io
 import json
 import math
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..theory.error_norm import ErrorNorm
 from .lambda_table import LambdaTable
 
 FORMAT = "warpopt.LambdaTable 2"
@@ -41,6 +43,9 @@ def write_table(path: str | Path, fields: dict, knots: dict[str, np.ndarray]) ->
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(temporary, 0o666 & ~mask)
         os.replace(temporary, path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
@@ -79,7 +84,7 @@ def load(path: str | Path) -> LambdaTable:
         raise TableFileError(f"{path}: cannot be read: {error.strerror}") from None
     try:
         fields = read(content)
-    except (ValueError, KeyError, TypeError, UnicodeDecodeError, zipfile.BadZipFile, EOFError, OSError) as error:
+    except Exception as error:  # whatever a damaged archive, number or nesting makes its reader raise
         raise TableFileError(f"{path}: not a whole {path.suffix[1:]} table: {error}") from None
     return _checked(path, fields)
 
@@ -87,11 +92,16 @@ def load(path: str | Path) -> LambdaTable:
 def _fields(table: LambdaTable) -> dict:
     slope = "none" if math.isinf(table.max_slope) else repr(table.max_slope)
     text = {name: getattr(table, name) for name in _TEXT} | {"max_slope": slope}
-    return {
-        "format": FORMAT,
-        **text,
-        **dict(zip(_NUMBERS, (table.promised, table.achieved, *table.worst), strict=True)),
-    }
+    numbers = dict(zip(_NUMBERS, (table.promised, table.achieved, *table.worst), strict=True))
+    fields = {"format": FORMAT, **text, **numbers}
+    return {**fields, "digest": _digest(fields, _columns(table))}
+
+
+def _digest(fields: dict, columns: dict[str, np.ndarray]) -> str:
+    """Of all that a file says: with it a file that was cut or edited is known."""
+    text = [f"{name}={value if isinstance(value, str) else repr(float(value))}" for name, value in fields.items()]
+    text += [f"{name}={[float(v) for v in column]}" for name, column in columns.items()]
+    return hashlib.sha256("\n".join(text).encode()).hexdigest()[:32]
 
 
 def _columns(table: LambdaTable) -> dict[str, np.ndarray]:
@@ -154,6 +164,7 @@ def _checked(path: Path, fields: dict) -> LambdaTable:
     found = fields.pop("format", None)
     if found != FORMAT:
         raise TableFileError(f"{path}: got format {found!r}, expected {FORMAT!r}")
+    digest = fields.pop("digest", None)
     expected = {*_TEXT, *_NUMBERS, *_COLUMNS}
     if fields.keys() != expected:
         raise TableFileError(f"{path}: got fields {sorted(fields)}, expected {sorted(expected)}")
@@ -161,7 +172,7 @@ def _checked(path: Path, fields: dict) -> LambdaTable:
         columns = [np.asarray(fields[name], np.float64) for name in _COLUMNS]
         numbers = [float(fields[name]) for name in _NUMBERS]
         slope = math.inf if str(fields["max_slope"]) == "none" else float(fields["max_slope"])
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise TableFileError(f"{path}: got a field that is no number, expected numbers") from None
     if not all(c.ndim == 1 and c.shape == columns[0].shape and np.isfinite(c).all() for c in columns):
         raise TableFileError(f"{path}: got knots that are not finite or not as many of each, expected {_COLUMNS}")
@@ -183,6 +194,13 @@ def _checked(path: Path, fields: dict) -> LambdaTable:
             f"> 0, depth_ratio > 1 and {', '.join(_NUMBERS)} >= 0"
         )
     metric, norm, measure, version = (str(fields[name]) for name in ("metric", "norm", "measure", "version"))
+    try:
+        ErrorNorm.of(metric, norm if norm in ("inf", "l1", "l2") else float(norm), measure)
+    except ValueError as error:
+        raise TableFileError(f"{path}: {error}") from None
+    own = {"format": FORMAT} | {name: fields[name] for name in _TEXT} | dict(zip(_NUMBERS, numbers, strict=True))
+    if digest != _digest(own, dict(zip(_COLUMNS, columns, strict=True))):
+        raise TableFileError(f"{path}: got contents that its digest does not fit, expected a table as it was written")
     promised, achieved, *worst = numbers
     return LambdaTable(
         ratios, fovs, theta, eta, metric, norm, measure, slope, promised, achieved, tuple(worst), version

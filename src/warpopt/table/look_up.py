@@ -55,7 +55,7 @@ def look_up(theta, depth_ratio, half_fov, rows: Rows, xp):
     start, end = (xp.take_along_axis(positions, (piece + k)[..., None], -1)[..., 0] for k in (0, 1))
     length = xp.where(end > start, end - start, 1)
     share = (folded - start) / length
-    share = xp.where(share > 0, xp.where(share < 1, share, 1), 0).astype(dtype)
+    share = xp.where(share >= 0, xp.where(share <= 1, share, 1), 0).astype(dtype)
 
     def height(corner: tuple):
         low, high = (heights[(*corner, piece + k)] for k in (0, 1))

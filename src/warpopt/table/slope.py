@@ -17,18 +17,19 @@ _STEPS = 40  # bisections of log(regret)
 _LEAST, _MOST = 1e-7, 1e6  # regrets: the tightest that single precision keeps, and more than any
 
 
-def least_regret(ranges: Ranges, objective: Objective, max_slope: float) -> tuple[Rows, float]:
+def least_regret(ranges: Ranges, objective: Objective, max_slope: float, wanted: float) -> tuple[Rows, float]:
     """(a row with |d log(eta) / d theta| <= max_slope, its largest regret at the samples).
 
-    The regret is 1.1 times `least_of_all`, which fixes the tube; whether a polyline with given knots fits is a linear
-    program. Of many even knots, those are left out, one after the other, without which it still does.
+    The regret is `wanted`, or 1.1 times `least_of_all` where that is more, and fixes the tube; whether a polyline with
+    given knots fits is a linear program. Of many even knots, those are left out, one after the other, without which it
+    still does.
 
     Raises:
-        RuntimeError: 257 knots do not fit (a slope beyond 1e3).
+        RuntimeError: 257 knots do not fit.
     """
     first, last = ranges.theta
     marks = landmarks(ranges.frusta(), objective, first, last)
-    regret = max(_LEAST, _ALLOWED * least_of_all(ranges, objective, max_slope))
+    regret = max(wanted, _ALLOWED * least_of_all(ranges, objective, max_slope))
     for count in _KNOTS:
         knots = np.unique(np.concatenate([np.linspace(first, last, count), marks]))
         inner = max(4, _SAMPLES // len(knots))
@@ -47,7 +48,7 @@ def least_regret(ranges: Ranges, objective: Objective, max_slope: float) -> tupl
             else:
                 k += 1
         return ranges.rows(knots, heights), regret
-    raise RuntimeError(f"least_regret: got a slope of {max_slope:g} that {_KNOTS[-1]} knots do not keep")
+    raise RuntimeError(f"max_slope: got {max_slope:g}, which {_KNOTS[-1]} knots do not keep at a regret of {regret:g}")
 
 
 def least_of_all(ranges: Ranges, objective: Objective, max_slope: float) -> float:

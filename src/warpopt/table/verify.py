@@ -39,8 +39,8 @@ def verify(
 ) -> tuple[float, tuple[float, float, float], np.ndarray]:
     """(largest regret, its (theta, far/near, half_fov), the worst directions that break the promise).
 
-    Over irregular points that meet no grid, every row's knots and their neighbours; then around the largest found,
-    finer and finer.
+    Of look-ups in both precisions, over irregular points that meet no grid, every row's knots and their neighbours;
+    then around the largest found, finer and finer.
     """
     low = np.array([ranges.theta[0], np.log(ranges.depth_ratio[0]), ranges.half_fov[0]])
     high = np.array([ranges.theta[1], np.log(ranges.depth_ratio[1]), ranges.half_fov[1]])
@@ -48,9 +48,15 @@ def verify(
     low[0], high[0] = max(low[0], rows.theta.flat[0]), min(high[0], rows.theta[0, 0, -1])
 
     def of(points: np.ndarray) -> np.ndarray:
+        # What engines do, in single precision, and what Python does.
+        rounded = points.astype(np.float32).astype(float)
+        return np.maximum(in_precision(np.float64, points), in_precision(np.float32, rounded))
+
+    def in_precision(dtype, points: np.ndarray) -> np.ndarray:
         theta, log_ratio, half_fov = np.clip(points, low, high).T
-        depth_ratio = np.exp(log_ratio)
-        eta = look_up(theta, depth_ratio, half_fov, rows, np)
+        depth_ratio = np.exp(log_ratio).astype(np.float32).astype(float)
+        given = (v.astype(dtype) for v in (theta, depth_ratio, half_fov))
+        eta = look_up(*given, rows, np).astype(float)
         # A single frustum's integrals are computed once.
         frusta = ranges.frusta() if ranges.single else ranges.frusta(depth_ratio, half_fov)
         return np.asarray(regret(frusta, theta, eta, objective))
