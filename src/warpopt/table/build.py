@@ -142,12 +142,14 @@ def _single_row(ranges: Ranges, objective: Objective, promise: float) -> _Attemp
     away = np.geomspace(1e-6, 0.03, 16)
     beside = np.clip(kinks * (1 + np.concatenate([-away, [0], away])[:, None]), first, last)
     grid = np.unique(np.concatenate([np.linspace(first, last, _DIRECTIONS), beside.ravel()]))
+    share = _SHARE
     while True:
-        around = tube(ranges.frusta(), grid, objective, _SHARE * promise)
+        around = tube(ranges.frusta(), grid, objective, share * promise)
         lower, upper = (np.asarray(v) for v in (around.lower, around.upper))
         places, heights = fewest_knots(grid, lower, np.where(np.isinf(upper), _NO_WARP, upper))
         broken = yield ranges.rows(grid[places], heights), promise
         grid = np.unique(np.concatenate([grid, broken[:, 0]]))
+        share *= 0.98  # more room for what single precision loses where a piece is steep
 
 
 def _several_rows(ranges: Ranges, objective: Objective, promise: float) -> _Attempts:
