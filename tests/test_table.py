@@ -10,7 +10,7 @@ from warpopt import LambdaTable, build_table
 from warpopt.table.files import TableFileError
 from warpopt.table.heights import best_heights
 from warpopt.table.polyline import fewest_knots
-from warpopt.table.tube import Objective, tube
+from warpopt.table.tube import Objective, Tube, tube
 
 FRUSTUM = warpopt.ViewFrustum(1.0, 100.0, np.pi / 6)
 
@@ -151,7 +151,7 @@ def test_a_bound_on_the_slope_costs_the_least_regret():
 
     def passable(regret: float) -> bool:
         around = tube(FRUSTUM, theta, Objective("p", np.inf, "screen"), regret)
-        lower, upper = np.log(np.asarray(around.lower)), np.minimum(np.log(np.asarray(around.upper)), 0)
+        lower, upper = np.log(around.lower), np.minimum(np.log(around.upper), 0)
         return bool((lower[:, None] - upper <= bound * np.abs(theta[:, None] - theta)).all())
 
     assert passable(table.achieved)
@@ -161,10 +161,11 @@ def test_a_bound_on_the_slope_costs_the_least_regret():
 def test_linear_programs_fit_as_least_squares_cannot():
     """Chebyshev's parabola: the best straight line errs alike at three points; a bound on the slope binds."""
     x = np.linspace(1, 2, 101)
-    heights, depth = best_heights(np.array([1.0, 2.0]), x, x**2, x**2 - 0.25, x**2 + 0.25, np.inf)
+    around = Tube(x**2, x**2 - 0.25, x**2 + 0.25)
+    heights, depth = best_heights(np.array([1.0, 2.0]), x, around, np.inf)
     np.testing.assert_allclose(heights, [0.875, 3.875], atol=1e-9)
     assert depth == pytest.approx(0.5, abs=1e-9)
-    heights, _ = best_heights(np.array([1.0, 2.0]), x, x**2, x**2 - 0.25, x**2 + 0.25, 1.0)
+    heights, _ = best_heights(np.array([1.0, 2.0]), x, around, 1.0)
     assert heights[1] / heights[0] - 1 <= 1 + 1e-9
 
 

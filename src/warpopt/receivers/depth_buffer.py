@@ -98,8 +98,8 @@ class DepthBuffer(eqx.Module):
         mixed = jnp.isfinite(near) & (far > _MIXED * near)
 
         def split(groups: Groups) -> Groups:
-            parts = (bounds(*part) for part in self._parts(rows, depths, near, far))
-            return functools.reduce(_union, parts)
+            nearer, beyond = self._parts(rows, depths, near, far)
+            return _union(bounds(*nearer), bounds(*beyond))
 
         groups = jax.lax.cond(mixed.any(), split, lambda groups: groups, groups)
         footprint = from_groups(groups, camera.near)
@@ -150,19 +150,20 @@ class DepthBuffer(eqx.Module):
         nearer = jnp.where(jnp.isfinite(nearer), nearer, near)
         return (near, jnp.where(there, nearer, -jnp.inf)), (beyond, jnp.where(jnp.isfinite(beyond), far, -jnp.inf))
 
+    @property
+    def _cell_size(self) -> int:
+        return max(1, round(self.depth.size / _CELLS))
+
     def _in_cells(self, row: Array, fill) -> Array:
         """(cells, pixels of each) of a row."""
-        size = max(1, round(self.depth.size / _CELLS))
-        return jnp.pad(row, (0, -len(row) % size), constant_values=fill).reshape(-1, size)
+        return jnp.pad(row, (0, -len(row) % self._cell_size), constant_values=fill).reshape(-1, self._cell_size)
 
     def _bounds(self, start, end, slopes: tuple[Array, Array], frame: LightFrame, near: Array, far: Array) -> Groups:
         """What cells with these depths can reach, by the slopes at their ends, in bins."""
-        width = self.depth.shape[1]
-        size = max(1, round(self.depth.size / _CELLS))
         across, up = slopes
         there = jnp.isfinite(near)
-        first = np.arange(0, width, size)
-        ends = across[first], across[np.minimum(first + size, width) - 1]
+        first = np.arange(0, len(across), self._cell_size)
+        ends = across[first], across[np.minimum(first + self._cell_size, len(across)) - 1]
         # What is not there bounds nothing: its least is inf, its largest -inf.
         nearest, farthest = jnp.where(there, near, 1), jnp.where(there, far, 1)
 

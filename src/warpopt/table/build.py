@@ -12,7 +12,7 @@ from ..theory.frustum import ViewFrustum
 from .greedy import Grid
 from .joint import joint_heights, moved_rows
 from .lambda_table import LambdaTable
-from .landmarks import landmarks
+from .landmarks import landmarks, with_axes
 from .look_up import Rows
 from .polyline import fewest_knots
 from .samples import Samples
@@ -97,19 +97,9 @@ def build_table(
             name = {math.inf: "inf", 1.0: "l1", 2.0: "l2"}.get(error_norm.order, repr(error_norm.order))
             slope = math.inf if max_slope is None else float(max_slope)
             return LambdaTable(
-                ratios,
-                fovs,
-                rows.theta,
-                rows.eta,
-                metric,
-                name,
-                measure,
-                slope,
-                promise,
-                worst,
-                at,
-                warpopt.__version__,
-            )
+                *rows, metric, name, measure,
+                max_slope=slope, promised=promise, achieved=worst, worst=at, version=warpopt.__version__,
+            )  # fmt: skip
         rows, promise = attempts.send(broken)
     raise RuntimeError(f"build_table: got a regret of {worst:.3g} at {at} for a promise of {promise:g}")
 
@@ -137,7 +127,7 @@ _Attempts = Generator[tuple[Rows, float], np.ndarray, None]
 def _single_row(ranges: Ranges, objective: Objective, promise: float) -> _Attempts:
     """The fewest knots through the tube at a grid of directions, which what is found broken joins."""
     first, last = ranges.theta
-    kinks = landmarks(ranges.frusta(), objective, first, last)
+    kinks = landmarks(with_axes(ranges.frusta(), 1), objective, first, last)[0]
     # Closer and closer to where eta bends or jumps; what stands side by side single precision must tell apart.
     away = np.geomspace(1e-6, 0.03, 16)
     beside = np.clip(kinks * (1 + np.concatenate([-away, [0], away])[:, None]), first, last)
@@ -145,8 +135,7 @@ def _single_row(ranges: Ranges, objective: Objective, promise: float) -> _Attemp
     share = _SHARE
     while True:
         around = tube(ranges.frusta(), grid, objective, share * promise)
-        lower, upper = (np.asarray(v) for v in (around.lower, around.upper))
-        places, heights = fewest_knots(grid, lower, np.where(np.isinf(upper), _NO_WARP, upper))
+        places, heights = fewest_knots(grid, around.lower, np.where(around.bounded, around.upper, _NO_WARP))
         broken = yield ranges.rows(grid[places], heights), promise
         grid = np.unique(np.concatenate([grid, broken[:, 0]]))
         share *= 0.98  # more room for what single precision loses where a piece is steep

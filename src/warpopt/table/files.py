@@ -5,7 +5,6 @@ import hashlib
 import io
 import json
 import math
-import os
 import tempfile
 import zipfile
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 
 from ..theory.error_norm import ErrorNorm
 from .lambda_table import LambdaTable
+from .look_up import Rows
 
 FORMAT = "warpopt.LambdaTable 2"
 _TEXT = ("metric", "norm", "measure", "version", "max_slope")
@@ -39,17 +39,10 @@ def write_table(path: str | Path, fields: dict, knots: dict[str, np.ndarray]) ->
     """Write scalars and columns of equal length as .npz, .csv or .json, by the path's ending; raises as `save`."""
     path = Path(path)
     content = _encoded(fields, knots, path)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
+        whole = Path(folder) / path.name
+        whole.write_bytes(content)
+        whole.replace(path)
 
 
 def encoded(table: LambdaTable, path: str | Path) -> bytes:
@@ -161,47 +154,58 @@ def _from_csv(content: bytes) -> dict:
 
 
 def _checked(path: Path, fields: dict) -> LambdaTable:
-    found = fields.pop("format", None)
+    try:
+        return _table(fields)
+    except ValueError as error:
+        raise TableFileError(f"{path}: {error}") from None
+
+
+def _table(fields: dict) -> LambdaTable:
+    """The table of a file's fields; ValueErrors say what is wrong with them."""
+    found, digest = fields.pop("format", None), fields.pop("digest", None)
     if found != FORMAT:
-        raise TableFileError(f"{path}: got format {found!r}, expected {FORMAT!r}")
-    digest = fields.pop("digest", None)
+        raise ValueError(f"got format {found!r}, expected {FORMAT!r}")
     expected = {*_TEXT, *_NUMBERS, *_COLUMNS}
     if fields.keys() != expected:
-        raise TableFileError(f"{path}: got fields {sorted(fields)}, expected {sorted(expected)}")
+        raise ValueError(f"got fields {sorted(fields)}, expected {sorted(expected)}")
     try:
         columns = [np.asarray(fields[name], np.float64) for name in _COLUMNS]
         numbers = [float(fields[name]) for name in _NUMBERS]
         slope = math.inf if str(fields["max_slope"]) == "none" else float(fields["max_slope"])
     except (TypeError, ValueError, OverflowError):
-        raise TableFileError(f"{path}: got a field that is no number, expected numbers") from None
-    if not all(c.ndim == 1 and c.shape == columns[0].shape and np.isfinite(c).all() for c in columns):
-        raise TableFileError(f"{path}: got knots that are not finite or not as many of each, expected {_COLUMNS}")
-    ratios, fovs = (np.unique(c) for c in columns[:2])
-    shape = len(ratios), len(fovs), -1
-    count = len(columns[0]) // max(1, len(ratios) * len(fovs))
-    whole = count >= 2 and count * len(ratios) * len(fovs) == len(columns[0])
-    if not whole or not all(
-        (c.reshape(shape) == axis).all()
-        for c, axis in zip(columns[:2], (ratios[:, None, None], fovs[:, None]), strict=True)
-    ):
-        raise TableFileError(f"{path}: got knots that are no grid, expected each row of depth_ratio and half_fov whole")
-    theta, eta = (c.reshape(shape) for c in columns[2:])
-    if not (np.diff(theta) >= 0).all() or not (theta[..., 0] < theta[..., -1]).all():
-        raise TableFileError(f"{path}: got knots whose theta does not increase, expected knots that do")
-    if not (all(math.isfinite(v) and v >= 0 for v in numbers) and min(eta.min(), ratios[0] - 1, fovs[0], slope) > 0):
-        raise TableFileError(
-            f"{path}: got a number that is negative, not finite or out of range, expected eta, half_fov and max_slope "
-            f"> 0, depth_ratio > 1 and {', '.join(_NUMBERS)} >= 0"
+        raise ValueError("got a field that is no number, expected numbers") from None
+    rows = _rows(columns)
+    if not (all(math.isfinite(v) and v >= 0 for v in numbers) and slope > 0):
+        raise ValueError(
+            "got a number that is negative, not finite or out of range, expected max_slope > 0 and "
+            f"{', '.join(_NUMBERS)} >= 0"
         )
     metric, norm, measure, version = (str(fields[name]) for name in ("metric", "norm", "measure", "version"))
-    try:
-        ErrorNorm.of(metric, norm if norm in ("inf", "l1", "l2") else float(norm), measure)
-    except ValueError as error:
-        raise TableFileError(f"{path}: {error}") from None
-    own = {"format": FORMAT} | {name: fields[name] for name in _TEXT} | dict(zip(_NUMBERS, numbers, strict=True))
-    if digest != _digest(own, dict(zip(_COLUMNS, columns, strict=True))):
-        raise TableFileError(f"{path}: got contents that its digest does not fit, expected a table as it was written")
+    ErrorNorm.of(metric, norm if norm in ("inf", "l1", "l2") else float(norm), measure)
     promised, achieved, *worst = numbers
-    return LambdaTable(
-        ratios, fovs, theta, eta, metric, norm, measure, slope, promised, achieved, tuple(worst), version
-    )
+    table = LambdaTable(
+        *rows, metric, norm, measure,
+        max_slope=slope, promised=promised, achieved=achieved, worst=tuple(worst), version=version,
+    )  # fmt: skip
+    if digest != _fields(table)["digest"]:
+        raise ValueError("got contents that its digest does not fit, expected a table as it was written")
+    return table
+
+
+def _rows(columns: list[np.ndarray]) -> Rows:
+    """The polylines that the columns hold, knot after knot and row after row."""
+    if not all(c.ndim == 1 and c.shape == columns[0].shape and np.isfinite(c).all() for c in columns):
+        raise ValueError(f"got knots that are not finite or not as many of each, expected {_COLUMNS}")
+    ratios, fovs = (np.unique(c) for c in columns[:2])
+    count, rest = divmod(len(columns[0]), max(1, len(ratios) * len(fovs)))
+    if count < 2 or rest:
+        raise ValueError("got knots that are no grid, expected each row of depth_ratio and half_fov whole")
+    of_knots = [c.reshape(len(ratios), len(fovs), count) for c in columns]
+    if not all((c == axis).all() for c, axis in zip(of_knots, (ratios[:, None, None], fovs[:, None]), strict=False)):
+        raise ValueError("got knots that are no grid, expected each row of depth_ratio and half_fov whole")
+    theta, eta = of_knots[2:]
+    if not (np.diff(theta) >= 0).all() or not (theta[..., 0] < theta[..., -1]).all():
+        raise ValueError("got knots whose theta does not increase, expected knots that do")
+    if not min(eta.min(), ratios[0] - 1, fovs[0]) > 0:
+        raise ValueError("got knots with a negative number, expected eta > 0, half_fov > 0 and depth_ratio > 1")
+    return Rows(ratios, fovs, theta, eta)

@@ -4,6 +4,7 @@ import numpy as np
 
 from .look_up import Rows, look_up
 from .samples import Samples
+from .tube import Tube
 
 _FOR_ONE_AXIS = 0.4  # depth in the tube that rows of the field of view leave to those of far/near
 
@@ -20,8 +21,8 @@ class Grid:
     def __init__(self, samples: Samples, depth_ratio, half_fov, knots, heights):
         self.axes = depth_ratio, half_fov
         shape = len(depth_ratio), len(half_fov)
-        values = (samples.theta, samples.eta, samples.lower, samples.upper, knots, heights)
-        self.theta, self.eta, self.lower, self.upper, self.knots, self.heights = (v.reshape(*shape, -1) for v in values)
+        self.tube = Tube(*(v.reshape(*shape, -1) for v in samples.tube))
+        self.theta, self.knots, self.heights = (v.reshape(*shape, -1) for v in (samples.theta, knots, heights))
 
     def rows(self, ratios: np.ndarray, fovs: np.ndarray) -> Rows:
         """The table of some of the candidates."""
@@ -32,10 +33,7 @@ class Grid:
         """Whether a table is so deep in the tube at all candidates of a range."""
         at = ratios, fovs
         found = look_up(self.theta[at], self.axes[0][ratios, None, None], self.axes[1][None, fovs, None], rows, np)
-        lower, eta, upper = self.lower[at], self.eta[at], self.upper[at]
-        room = np.where(np.isfinite(upper), upper - eta, 0)
-        highest = np.where(np.isfinite(upper), upper - depth * room, np.inf)
-        return bool(((found >= lower + depth * (eta - lower)) & (found <= highest)).all())
+        return bool((Tube(*(v[at] for v in self.tube)).depth(found) >= depth).all())
 
     def chosen(self) -> tuple[np.ndarray, np.ndarray]:
         """Which far/near and which fields of view are rows: first the latter, at a few of the former."""

@@ -4,40 +4,30 @@ import numpy as np
 import scipy.optimize
 import scipy.sparse
 
+from .look_up import on_piece
+from .tube import Tube
+
 _HIGHEST = 4.0  # of a knot above eta = 1, where a look-up ends: room enough for a piece to cross it anywhere
 
 
-def best_heights(
-    knots: np.ndarray, x: np.ndarray, centre: np.ndarray, lower: np.ndarray, upper: np.ndarray, max_slope: float
-) -> tuple[np.ndarray, float]:
-    """Heights that keep the polyline as far inside the tube as can be.
-
-    Largest s such that at every x the polyline is between lower + s (centre - lower) and upper - s (upper - centre).
-    1: on the centre itself; 0: just inside; below: outside.
+def best_heights(knots: np.ndarray, theta: np.ndarray, around: Tube, max_slope: float) -> tuple[np.ndarray, float]:
+    """Heights that keep the polyline as deep inside the tube as can be: the depth (`Tube.depth`) at its shallowest.
 
     Args:
         knots: (N,), not decreasing.
-        x, centre, lower, upper: (S,); upper may be inf.
-        max_slope: bound on |d log(height) / dx| of every piece, or inf. Linear: a piece is steepest at its lower end.
+        theta, around: (S,), and the tube there.
+        max_slope: bound on |d log(height) / d theta| of every piece, or inf; linear, as a piece is steepest below.
 
     Returns:
-        heights (N,) > 0, and s.
+        heights (N,) > 0, and the depth.
     """
     count = len(knots)
-    piece = np.clip(np.searchsorted(knots, x, side="left") - 1, 0, count - 2)
-    length = knots[piece + 1] - knots[piece]
-    share = np.where(length > 0, (x - knots[piece]) / np.where(length > 0, length, 1), 0)
-    rows = np.arange(len(x))
-    on_piece = scipy.sparse.csr_matrix(
-        (np.concatenate([1 - share, share]), (np.tile(rows, 2), np.concatenate([piece, piece + 1]))), (len(x), count)
-    )
-    bounded = np.isfinite(upper)
-    above, below = centre - lower, np.where(bounded, upper - centre, 0)
-    parts = [
-        scipy.sparse.hstack([-on_piece, above[:, None]]),
-        scipy.sparse.hstack([on_piece[bounded], below[bounded, None]]),
-    ]
-    limits = [-lower, upper[bounded]]
+    piece, share = on_piece(theta, knots, np)
+    entries = np.concatenate([1 - share, share])
+    where = np.tile(np.arange(len(theta)), 2), np.concatenate([piece, piece + 1])
+    polyline = scipy.sparse.csr_matrix((entries, where), (len(theta), count))
+    matrix, limit = inside(polyline, np.zeros(len(theta)), around, np.zeros(len(theta), int), 1)
+    parts, limits = [matrix], [limit]
     if np.isfinite(max_slope):
         step = max_slope * np.diff(knots)
         one, other = np.eye(count + 1)[: count - 1], np.eye(count + 1)[1:count]
@@ -46,10 +36,28 @@ def best_heights(
                 parts.append(scipy.sparse.csr_matrix(rising - step[:, None] * end))
                 limits.append(np.zeros(count - 1))
     cost = np.append(np.zeros(count), -1.0)
-    bounds = [(lower.min() / 2, _HIGHEST)] * count + [(None, 1.0)]
+    bounds = [(around.lower.min() / 2, _HIGHEST)] * count + [(None, 1.0)]
     found = scipy.optimize.linprog(
         cost, scipy.sparse.vstack(parts), np.concatenate(limits), bounds=bounds, method="highs-ds"
     )
     if not found.success:
         raise RuntimeError(f"best_heights: {found.message}")
     return found.x[:-1], float(found.x[-1])
+
+
+def inside(
+    slope: scipy.sparse.csr_matrix, value: np.ndarray, around: Tube, group: np.ndarray, groups: int
+) -> tuple[scipy.sparse.csr_matrix, np.ndarray]:
+    """(A, b) of A (change, depths) <= b: value + slope change is so deep in the tube.
+
+    Args:
+        slope: (S, N).
+        value, around: (S,), and the tube.
+        group: (S,) which of the depths each entry is to have.
+    """
+    below, above = around.room
+    bounded = around.bounded
+    depth = scipy.sparse.csr_matrix((np.ones(len(value)), (np.arange(len(value)), group)), (len(value), groups))
+    lower = scipy.sparse.hstack([-slope, depth.multiply(below[:, None])])
+    upper = scipy.sparse.hstack([slope, depth.multiply(above[:, None])]).tocsr()[bounded]
+    return scipy.sparse.vstack([lower, upper]), np.concatenate([value - around.lower, (around.upper - value)[bounded]])

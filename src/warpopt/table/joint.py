@@ -4,8 +4,10 @@ import numpy as np
 import scipy.optimize
 import scipy.sparse
 
-from .look_up import Rows, between_fovs, between_ratios, look_up
+from .heights import inside
+from .look_up import Rows, between_fovs, between_ratios, look_up, on_piece
 from .samples import Samples
+from .tube import Tube
 
 _STEP = 0.5  # largest relative change of a height in one linear program
 _PROGRAMS = 8
@@ -18,7 +20,7 @@ def joint_heights(
     """Heights of the rows of a table over one axis, such that each interval between rows is deep in the tube.
 
     A look-up between rows is not quite linear in the heights: a few linear programs, each about the last one's heights.
-    The sum over intervals of the depth (see `best_heights`, up to 0.9) of its shallowest sample is largest.
+    The sum over intervals of the depth (`Tube.depth`, up to 0.9) of its shallowest sample is largest.
 
     Args:
         samples: at candidate rows.
@@ -34,30 +36,19 @@ def joint_heights(
     along, by_ratio = place[rows], axis == "depth_ratio"
     row, t = (between_ratios if by_ratio else between_fovs)(place, along, np)
     positions = knots[row] + t[:, None] * (knots[row + 1] - knots[row])
-    piece = (samples.theta[:, :, None] > positions[:, None, 1:-1]).sum(-1)
-    start, end = (np.take_along_axis(positions, piece + k, 1) for k in (0, 1))
-    share = np.clip((samples.theta - start) / np.where(end > start, end - start, 1), 0, 1)
+    piece, share = on_piece(samples.theta, positions[:, None], np)
     row, t = (np.broadcast_to(v[:, None], piece.shape) for v in (row, t))
     corners = [(row + i) * size + piece + k for i in (0, 1) for k in (0, 1)]
-    lower, centre, upper = (v.ravel() for v in (samples.lower, samples.eta, samples.upper))
-    bounded = np.isfinite(upper)
-    above, below = centre - lower, np.where(bounded, upper - centre, 0)
+    around = Tube(*(v.ravel() for v in samples.tube))
     interval = row.ravel()
     total = len(interval)
-
-    def by_interval(width: np.ndarray, which: np.ndarray):
-        entries = width[which], (np.arange(which.sum()), interval[which])
-        return scipy.sparse.csr_matrix(entries, (which.sum(), count - 1))
 
     def depths_of(heights: np.ndarray) -> np.ndarray:
         polylines = (v.reshape((count, 1, size) if by_ratio else (1, count, size)) for v in (knots, heights))
         table = Rows(*((along, np.ones(1)) if by_ratio else (np.ones(1), along)), *polylines)
         found = look_up(samples.theta, place[:, None], place[:, None], table, np).ravel()
-        tiny = np.finfo(float).tiny
-        over = np.where(bounded, upper - found, np.inf) / (below + tiny)
-        deep = np.minimum((found - lower) / (above + tiny), over)
         least = np.full(count - 1, np.inf)
-        np.minimum.at(least, interval, deep)
+        np.minimum.at(least, interval, around.depth(found))
         return np.minimum(least, _ENOUGH)
 
     heights = heights.ravel().copy()
@@ -71,15 +62,7 @@ def joint_heights(
         entries = np.concatenate([(w * heights[c]).ravel() for w, c in zip(weights, corners, strict=True)])
         where = np.tile(np.arange(total), 4), np.concatenate([c.ravel() for c in corners])
         slope = scipy.sparse.csr_matrix((entries, where), (total, count * size))
-        value = value.ravel()
-        every = np.ones(total, bool)
-        program = scipy.sparse.vstack(
-            [
-                scipy.sparse.hstack([-slope, by_interval(above, every)]),
-                scipy.sparse.hstack([slope[bounded], by_interval(below, bounded)]),
-            ]
-        )
-        limits = np.concatenate([value - lower, (upper - value)[bounded]])
+        program, limits = inside(slope, value.ravel(), around, interval, count - 1)
         bounds = [(-_STEP, _STEP)] * (count * size) + [(None, _ENOUGH)] * (count - 1)
         cost = np.concatenate([np.zeros(count * size), -np.ones(count - 1)])
         found = scipy.optimize.linprog(cost, program, limits, bounds=bounds, method="highs-ipm")

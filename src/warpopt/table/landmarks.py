@@ -1,30 +1,29 @@
 """Where the optimum changes its nature: the directions that a table's knots keep to."""
 
+import jax
 import numpy as np
 
 from ..solve.optimal_warp import optimal_warp
 from ..theory.frustum import ViewFrustum
+from .bisection import bisected
 from .tube import Objective
 
 _GRID = 1024  # directions, one of which must lie in each zone
-_STEPS = 45  # bisections of a step of the grid, to the last bit
 
 
 def landmarks(frusta: ViewFrustum, objective: Objective, first: float, last: float) -> np.ndarray:
-    """(G, K) directions, not decreasing along K, or (K,) of one: the ends, theta = phi, where the outcome changes.
+    """(G, K) directions, not decreasing along K: the ends, theta = phi, where the outcome changes.
 
     The outcome (no warp, stationary point, tie, kink; theory of `optimal_warp`) changes at a kink of eta. Changes that
     not every frustum has exactly once are left out; as far/near or the field of view varies the others may cross, and
     their order by size varies continuously all the same.
 
     Args:
-        frusta: (G,), or one.
+        frusta: (G,).
         first, last: directions, radians.
     """
-    if not frusta.near.shape:
-        return landmarks(ViewFrustum(*(v[None] for v in _numbers(frusta))), objective, first, last)[0]
     grid = np.linspace(first, last, _GRID)
-    outcome = _outcome(ViewFrustum(*(v[:, None] for v in _numbers(frusta))), grid, objective)
+    outcome = _outcome(with_axes(frusta, 1), grid, objective)
     count = len(outcome)
     changed = outcome[:, 1:] != outcome[:, :-1]
     kinds = {(int(a), int(b)) for a, b in zip(outcome[:, :-1][changed], outcome[:, 1:][changed], strict=True)}
@@ -35,17 +34,14 @@ def landmarks(frusta: ViewFrustum, objective: Objective, first: float, last: flo
         if not (here.sum(1) == 1).all():
             continue
         at = here.argmax(1)
-        low, high = grid[at], grid[at + 1]
-        for _ in range(_STEPS):
-            middle = (low + high) / 2
-            same = _outcome(frusta, middle, objective) == before
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        found.append(high)
+        _, start = bisected(lambda v, k=before: _outcome(frusta, v, objective) == k, grid[at], grid[at + 1])
+        found.append(start)
     return np.sort(np.stack(found, 1), 1)
 
 
-def _numbers(frusta: ViewFrustum) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return tuple(np.asarray(v) for v in (frusta.near, frusta.far, frusta.half_fov))
+def with_axes(frusta: ViewFrustum, count: int) -> ViewFrustum:
+    """The same with so many axes of length one at the end, to meet directions."""
+    return jax.tree.map(lambda v: v.reshape(v.shape + (1,) * count), frusta)
 
 
 def _outcome(frusta: ViewFrustum, theta: np.ndarray, objective: Objective) -> np.ndarray:

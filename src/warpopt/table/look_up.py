@@ -48,14 +48,7 @@ def look_up(theta, depth_ratio, half_fov, rows: Rows, xp):
     knots, heights = (v.reshape(*shape, v.shape[-1]) for v in (rows.theta, rows.eta))
     per_knot = [(row, share[..., None]) for row, share in axes]
     positions = _blended(per_knot, lambda corner: knots[corner])
-    # The piece whose end is the first knot not before theta: a sum of comparisons, as short tables are searched.
-    inner = positions[..., 1:-1]
-    piece = (folded[..., None] > inner).astype(np.int32).sum(-1)
-    positions = xp.broadcast_to(positions, (*piece.shape, positions.shape[-1]))
-    start, end = (xp.take_along_axis(positions, (piece + k)[..., None], -1)[..., 0] for k in (0, 1))
-    length = xp.where(end > start, end - start, 1)
-    share = (folded - start) / length
-    share = xp.where(share >= 0, xp.where(share <= 1, share, 1), 0).astype(dtype)
+    piece, share = on_piece(folded, positions, xp)
 
     def height(corner: tuple):
         low, high = (heights[(*corner, piece + k)] for k in (0, 1))
@@ -68,6 +61,18 @@ def look_up(theta, depth_ratio, half_fov, rows: Rows, xp):
         eta = first * xp.exp(_blended(axes, lambda corner: xp.log(height(corner) / first)))
     nan = sum(xp.isnan(v) for v in (theta, *(t for _, t in axes)))
     return xp.where((eta < 1) & (nan == 0), eta, 1).astype(dtype)
+
+
+def on_piece(theta, knots, xp):
+    """(piece, share of it passed, in [0, 1]) of each theta on polylines with knots (..., N).
+
+    The piece whose end is the first knot not before theta: a sum of comparisons, as short tables are searched.
+    """
+    piece = (theta[..., None] > knots[..., 1:-1]).astype(np.int32).sum(-1)
+    knots = xp.broadcast_to(knots, (*piece.shape, knots.shape[-1]))
+    start, end = (xp.take_along_axis(knots, (piece + k)[..., None], -1)[..., 0] for k in (0, 1))
+    share = (theta - start) / xp.where(end > start, end - start, 1)
+    return piece, xp.where(share >= 0, xp.where(share <= 1, share, 1), 0).astype(theta.dtype)
 
 
 def between_ratios(value, axis, xp):

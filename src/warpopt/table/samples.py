@@ -6,8 +6,9 @@ import numpy as np
 
 from ..solve.optimal_warp import optimal_warp
 from ..theory.frustum import ViewFrustum
+from .bisection import bisected
 from .heights import best_heights
-from .landmarks import landmarks
+from .landmarks import landmarks, with_axes
 from .tube import Objective, Tube, regret, tube
 
 # Fractions of the way between landmarks: even, and closer and closer to either.
@@ -20,7 +21,7 @@ class Samples:
 
     Attributes:
         landmarks: (G, K).
-        theta, eta, lower, upper: (G, S): directions, optimum, tube.
+        theta, tube: (G, S): directions, and the tube there.
     """
 
     def __init__(self, frusta: ViewFrustum, objective: Objective, theta_range: tuple[float, float], max_regret: float):
@@ -28,21 +29,21 @@ class Samples:
         found = _with_jumps(frusta, objective, found, max_regret)
         spans = np.diff(found, axis=1)
         theta = found[:, :-1, None] + spans[..., None] * _FRACTIONS
-        self._tube = lambda theta: _tube_of(frusta, theta, objective, max_regret)
-        eta, lower, upper = self._tube(theta)
+        self._tube_at = lambda theta: tube(with_axes(frusta, theta.ndim - 1), theta, objective, max_regret)
+        around = self._tube_at(theta)
         self.landmarks = found
         # The share of a span's knots on the way: knots at even steps of it err alike, sqrt(|eta''| / width of the tube)
         # being their density; a tenth of them go evenly.
-        width = np.where(np.isinf(upper), eta - lower, (upper - lower) / 2)
-        mass = _density_mass(theta, eta, width)
+        below, above = around.room
+        mass = _density_mass(theta, around.eta, np.where(around.bounded, (below + above) / 2, below))
         total = mass.sum(-1, keepdims=True)
         share = np.cumsum(mass, -1) / np.where(total > 0, total, 1)
         share = np.concatenate([np.zeros_like(total), np.where(total > 0, share, _FRACTIONS[1:])], -1)
         self._share = 0.9 * share + 0.1 * _FRACTIONS
         # A piece of length h leaves |eta''| h^2 / 16 of it to either side.
         self.pieces = np.maximum(1, np.ceil(total[..., 0].max(0) / 4).astype(int))
-        count = len(found)
-        self.theta, self.eta, self.lower, self.upper = (v.reshape(count, -1) for v in (theta, eta, lower, upper))
+        self.theta, *bounds = (v.reshape(len(found), -1) for v in (theta, *around))
+        self.tube = Tube(*bounds)
 
     def knots(self, pieces: np.ndarray) -> np.ndarray:
         """(G, N) knots: the landmarks, and so many pieces between each two."""
@@ -59,18 +60,15 @@ class Samples:
         Without them a knot between two samples would be free to stand anywhere.
         """
         more = np.concatenate([knots, (knots[:, 1:] + knots[:, :-1]) / 2], 1)
-        own = self.theta, self.eta, self.lower, self.upper
         both = copy.copy(self)
-        both.theta, both.eta, both.lower, both.upper = (
-            np.concatenate(pair, 1) for pair in zip(own, (more, *self._tube(more)), strict=True)
-        )
+        both.theta = np.concatenate([self.theta, more], 1)
+        both.tube = Tube(*(np.concatenate(pair, 1) for pair in zip(self.tube, self._tube_at(more), strict=True)))
         return both
 
     def heights(self, knots: np.ndarray, max_slope: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(best heights (G, N), how deep inside the tube (G,)) of some of the frusta's knots; see `best_heights`."""
-        fits = [
-            best_heights(knots[g], self.theta[g], self.eta[g], self.lower[g], self.upper[g], max_slope) for g in which
-        ]
+        tubes = {g: Tube(*(v[g] for v in self.tube)) for g in which}
+        fits = [best_heights(knots[g], self.theta[g], tubes[g], max_slope) for g in which]
         return np.stack([heights for heights, _ in fits]), np.array([depth for _, depth in fits])
 
     def fewest(self, wanted: float, most: int) -> np.ndarray:
@@ -98,12 +96,6 @@ class Samples:
             pieces = trials[int(np.argmax([depth(trial, worst)[0] for trial in trials]))]
 
 
-def _tube_of(frusta: ViewFrustum, theta: np.ndarray, objective: Objective, max_regret: float) -> Tube:
-    shape = (-1,) + (1,) * (theta.ndim - 1)
-    expanded = ViewFrustum(*(np.asarray(v).reshape(shape) for v in (frusta.near, frusta.far, frusta.half_fov)))
-    return Tube(*(np.asarray(v) for v in tube(expanded, theta, objective, max_regret)))
-
-
 def _density_mass(theta: np.ndarray, eta: np.ndarray, width: np.ndarray) -> np.ndarray:
     """Integrals of sqrt(|eta''| / width) from sample to sample."""
     step = np.maximum(np.diff(theta), np.finfo(float).tiny ** 0.25)
@@ -125,10 +117,9 @@ def _with_jumps(frusta: ViewFrustum, objective: Objective, found: np.ndarray, ma
         beyond = eta(at * (1 + 1e-9))
         if (np.abs(np.log(eta(at * (1 - 1e-9)) / beyond)) < 1e-3).all():
             continue
-        low, high = found[:, j - 1], at
-        for _ in range(45):
-            middle = (low + high) / 2
-            keeps = np.asarray(regret(frusta, middle, beyond, objective)) <= max_regret / 2
-            low, high = np.where(keeps, low, middle), np.where(keeps, middle, high)
-        more.append(high)
+
+        def keeps(theta: np.ndarray, eta: np.ndarray = beyond) -> np.ndarray:
+            return np.asarray(regret(frusta, theta, eta, objective)) <= max_regret / 2
+
+        more.append(bisected(keeps, at, found[:, j - 1])[0])
     return np.sort(np.stack([*found.T, *more], 1), 1)

@@ -4,8 +4,9 @@ import itertools
 
 import numpy as np
 
+from .bisection import bisected
 from .heights import best_heights
-from .landmarks import landmarks
+from .landmarks import landmarks, with_axes
 from .look_up import Rows
 from .tube import Objective, tube
 from .verify import Ranges
@@ -28,21 +29,21 @@ def least_regret(ranges: Ranges, objective: Objective, max_slope: float, wanted:
         RuntimeError: 257 knots do not fit.
     """
     first, last = ranges.theta
-    marks = landmarks(ranges.frusta(), objective, first, last)
+    marks = landmarks(with_axes(ranges.frusta(), 1), objective, first, last)[0]
     regret = max(wanted, _ALLOWED * least_of_all(ranges, objective, max_slope))
     for count in _KNOTS:
         knots = np.unique(np.concatenate([np.linspace(first, last, count), marks]))
         inner = max(4, _SAMPLES // len(knots))
         theta = np.concatenate([np.linspace(a, b, inner) for a, b in itertools.pairwise(knots)])
         theta = np.unique(np.concatenate([theta, marks * (1 - 1e-9)]).clip(first, last))
-        eta, lower, upper = (np.asarray(v) for v in tube(ranges.frusta(), theta, objective, regret))
-        heights, depth = best_heights(knots, theta, eta, lower, upper, max_slope)
+        around = tube(ranges.frusta(), theta, objective, regret)
+        heights, depth = best_heights(knots, theta, around, max_slope)
         if depth < 0:
             continue
         k = 1
         while k < len(knots) - 1:
             fewer = np.delete(knots, k)
-            found, depth = best_heights(fewer, theta, eta, lower, upper, max_slope)
+            found, depth = best_heights(fewer, theta, around, max_slope)
             if depth >= 0:
                 knots, heights = fewer, found
             else:
@@ -62,21 +63,7 @@ def least_of_all(ranges: Ranges, objective: Objective, max_slope: float) -> floa
     def kept(regret: float) -> bool:
         around = tube(ranges.frusta(), theta, objective, regret)
         lower, upper = np.log(around.lower), np.minimum(np.log(around.upper), 0)
-        return bool((np.asarray(lower)[:, None] - np.asarray(upper) <= reach).all())
+        return bool((lower[:, None] - upper <= reach).all())
 
-    return _least(kept)
-
-
-def _least(kept) -> float:
-    """The least regret that is kept, by bisection of its logarithm."""
-    low, high = np.log(_LEAST), np.log(_MOST)
-    best = float(np.exp(high))
-    kept(best)
-    for _ in range(_STEPS):
-        middle = (low + high) / 2
-        regret = float(np.exp(middle))
-        if kept(regret):
-            best, high = regret, middle
-        else:
-            low = middle
-    return best
+    least, _ = bisected(lambda v: kept(float(np.exp(v))), np.log(_MOST), np.log(_LEAST), _STEPS)
+    return float(np.exp(least))

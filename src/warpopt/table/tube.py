@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..solve.optimal_warp import error_norm, optimal_warp
 from ..theory.error_norm import Metric
@@ -30,9 +31,24 @@ class Tube(NamedTuple):
     `upper` is inf where no warp at all (eta = 1) keeps it: a look-up ends at eta = 1.
     """
 
-    eta: Float[Array, "..."]
-    lower: Float[Array, "..."]
-    upper: Float[Array, "..."]
+    eta: Float[np.ndarray, "..."]
+    lower: Float[np.ndarray, "..."]
+    upper: Float[np.ndarray, "..."]
+
+    @property
+    def bounded(self) -> Bool[np.ndarray, "..."]:
+        """Where there is an upper bound."""
+        return np.isfinite(self.upper)
+
+    @property
+    def room(self) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+        """From the optimum down to the lower bound and up to the upper one, 0 where there is none."""
+        return self.eta - self.lower, np.where(self.bounded, self.upper - self.eta, 0)
+
+    def depth(self, eta: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """How deep inside: 1 at the optimum, 0 on a bound, below 0 outside."""
+        below, above = (room + np.finfo(float).tiny for room in self.room)
+        return np.minimum((eta - self.lower) / below, (self.upper - eta) / above)
 
 
 @functools.partial(jax.jit, static_argnames="objective")
@@ -42,12 +58,16 @@ def regret(frustum: ViewFrustum, theta: ArrayLike, eta: ArrayLike, objective: Ob
     return error_norm(frustum, theta, _warp(jnp.asarray(eta, best.dtype)), *objective) / best - 1
 
 
-@functools.partial(jax.jit, static_argnames=("objective",))
-def tube(frustum: ViewFrustum, theta: ArrayLike, objective: Objective, max_regret: ArrayLike) -> Tube:
+def tube(frustum: ViewFrustum, theta: ArrayLike, objective: Objective, max_regret: float) -> Tube:
     """The tube of each frustum and direction, which broadcast.
 
     The norm is pseudo-convex in eta: bisection in log(eta) from the optimum outwards finds it.
     """
+    return Tube(*(np.asarray(v) for v in _tube(frustum, theta, objective, max_regret)))
+
+
+@functools.partial(jax.jit, static_argnames="objective")
+def _tube(frustum: ViewFrustum, theta: ArrayLike, objective: Objective, max_regret: ArrayLike) -> tuple:
     solution = optimal_warp(frustum, theta, *objective, throw=False)
     best = jnp.log(solution.warp.eta)
 
@@ -66,7 +86,7 @@ def tube(frustum: ViewFrustum, theta: ArrayLike, objective: Objective, max_regre
 
     open_end = keeps(jnp.zeros_like(best))
     upper = jnp.where(open_end, jnp.inf, jnp.exp(edge(jnp.zeros_like(best))))
-    return Tube(solution.warp.eta, jnp.exp(edge(best - 16)), upper)
+    return solution.warp.eta, jnp.exp(edge(best - 16)), upper
 
 
 def _warp(eta: Array) -> Warp:
