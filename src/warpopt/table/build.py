@@ -10,7 +10,7 @@ import warpopt
 from ..theory.error_norm import ErrorNorm
 from ..theory.frustum import ViewFrustum
 from .greedy import Grid
-from .joint import joint_heights, moved_rows
+from .joint import fewest_rows
 from .lambda_table import LambdaTable
 from .landmarks import landmarks, with_axes
 from .look_up import Rows
@@ -23,8 +23,9 @@ from .verify import Ranges, verify
 _DIRECTIONS = 400  # at which a knot of a single row may stand, before refinement
 _SHARE = 0.97  # of the promise that the tube keeps at the samples; the rest is for what lies between
 _ROUNDS = 12
+_DEEP = 0.25  # in the tube: of rows whose neighbours are to have room
 _RATIO_STEP = 0.067  # of the candidates for rows, in log(far/near)
-_FOV_STEP = math.radians(1.5)
+_FOV_STEP = math.radians(0.5)
 _MOST_KNOTS = 32
 _NO_WARP = 2.0  # height of a knot in the open, where no warp keeps the promise
 
@@ -86,7 +87,8 @@ def build_table(
     if max_slope is not None:
         attempts = _bounded(ranges, objective, max_slope, _SHARE * float(max_regret))
     else:
-        attempts = (_single_row if ranges.single else _several_rows)(ranges, objective, float(max_regret))
+        axes = sum(low < high for low, high in (ranges.depth_ratio, ranges.half_fov))
+        attempts = (_single_row, _one_axis, _two_axes)[axes](ranges, objective, float(max_regret))
     rows, promise = next(attempts)
     for _ in range(_ROUNDS):
         # What engines keep: single precision. The promise is kept by these numbers.
@@ -141,38 +143,52 @@ def _single_row(ranges: Ranges, objective: Objective, promise: float) -> _Attemp
         share *= 0.98  # more room for what single precision loses where a piece is steep
 
 
-def _several_rows(ranges: Ranges, objective: Objective, promise: float) -> _Attempts:
-    """Rows and heights for the tube at candidate rows; narrower and narrower."""
-    ratios = np.exp(_candidates(*np.log(ranges.depth_ratio), _RATIO_STEP))
-    fovs = _candidates(*ranges.half_fov, _FOV_STEP)
-    both = len(ratios) > 1 and len(fovs) > 1
-    if both:
-        ratios = ratios[np.unique(np.linspace(0, len(ratios) - 1, 81).round().astype(int))]
-    grid_ratio, grid_fov = (v.ravel() for v in np.meshgrid(ratios, fovs, indexing="ij"))
-    frusta = ViewFrustum(np.ones(len(grid_ratio)), grid_ratio, grid_fov)
-    by_ratio = len(ratios) > 1
-    axis, place = ("depth_ratio", ratios) if by_ratio else ("half_fov", fovs)
-    chosen = np.unique(np.linspace(0, len(place) - 1, 1 + max(2, len(place) // 8)).round().astype(int))
-    share, wanted = 0.95, 0.1
+def _one_axis(ranges: Ranges, objective: Objective, promise: float) -> _Attempts:
+    """The fewest rows with few knots each, then with more, for as long as that makes the table smaller."""
+    by_ratio = ranges.depth_ratio[0] < ranges.depth_ratio[1]
+    axis, place = ("depth_ratio", _ratios(ranges)) if by_ratio else ("half_fov", _fovs(ranges))
+    frusta = ranges.frusta(**{axis: place})
+    share, best = _SHARE, None
     while True:
         samples = Samples(frusta, objective, ranges.theta, share * promise)
-        knots = samples.knots(samples.fewest(0.25, _MOST_KNOTS))
-        samples = samples.at_knots(knots)
-        heights, _ = samples.heights(knots, math.inf, np.arange(len(knots)))
-        heights = np.minimum(heights, _NO_WARP)
-        if both:
-            grid = Grid(samples, ratios, fovs, knots, heights)
-            yield grid.rows(*grid.chosen()), promise
-        else:
-            for _ in range(_ROUNDS):
-                found, depths = joint_heights(samples, axis, place, chosen, knots[chosen], heights[chosen])
-                if depths.min() >= 0:
-                    break
-                chosen, wanted = moved_rows(np.log(place), chosen, depths, wanted), wanted + 0.01
-            shape = (len(chosen), 1, -1) if by_ratio else (1, len(chosen), -1)
-            axes = (ratios[chosen], fovs) if by_ratio else (ratios, fovs[chosen])
-            yield Rows(*axes, knots[chosen].reshape(shape), found.reshape(shape)), promise
+        smallest = None
+        for knots in samples.finer(_DEEP, _MOST_KNOTS):
+            dense = samples.at_knots(knots)
+            rows = fewest_rows(dense, axis, place, knots, _best_heights(dense, knots), best)
+            if rows is None:
+                continue
+            if smallest is not None and rows.size >= smallest.size:
+                break
+            smallest = best = rows
+        yield smallest, promise
+        share *= 0.98
+
+
+def _two_axes(ranges: Ranges, objective: Objective, promise: float) -> _Attempts:
+    """Rows each as far from the last as the tube allows."""
+    ratios, fovs = _ratios(ranges), _fovs(ranges)
+    frusta = ranges.frusta(*(v.ravel() for v in np.meshgrid(ratios, fovs, indexing="ij")))
+    share = _SHARE
+    while True:
+        samples = Samples(frusta, objective, ranges.theta, share * promise)
+        knots = next(samples.finer(_DEEP, _MOST_KNOTS))
+        dense = samples.at_knots(knots)
+        grid = Grid(dense, ratios, fovs, knots, _best_heights(dense, knots))
+        yield grid.rows(*grid.chosen()), promise
         share *= 0.97
+
+
+def _best_heights(samples: Samples, knots: np.ndarray) -> np.ndarray:
+    heights, _ = samples.heights(knots, math.inf, np.arange(len(knots)))
+    return np.minimum(heights, _NO_WARP)
+
+
+def _ratios(ranges: Ranges) -> np.ndarray:
+    return np.exp(_candidates(*np.log(ranges.depth_ratio), _RATIO_STEP))
+
+
+def _fovs(ranges: Ranges) -> np.ndarray:
+    return _candidates(*ranges.half_fov, _FOV_STEP)
 
 
 def _bounded(ranges: Ranges, objective: Objective, max_slope: float, wanted: float) -> _Attempts:

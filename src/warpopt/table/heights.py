@@ -57,7 +57,9 @@ def inside(
     """
     below, above = around.room
     bounded = around.bounded
+    below, above = 1 / below, 1 / above[bounded]  # so that a program's tolerance is one of depth
     depth = scipy.sparse.csr_matrix((np.ones(len(value)), (np.arange(len(value)), group)), (len(value), groups))
-    lower = scipy.sparse.hstack([-slope, depth.multiply(below[:, None])])
-    upper = scipy.sparse.hstack([slope, depth.multiply(above[:, None])]).tocsr()[bounded]
-    return scipy.sparse.vstack([lower, upper]), np.concatenate([value - around.lower, (around.upper - value)[bounded]])
+    lower = scipy.sparse.hstack([slope.multiply(-below[:, None]), depth])
+    upper = scipy.sparse.hstack([slope[bounded].multiply(above[:, None]), depth[bounded]])
+    limits = (value - around.lower) * below, (around.upper - value)[bounded] * above
+    return scipy.sparse.vstack([lower, upper]), np.concatenate(limits)

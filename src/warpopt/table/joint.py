@@ -1,4 +1,6 @@
-"""The best heights of all of a table's rows at once, over all that lies between the rows."""
+"""The fewest rows of a table over one axis: their places, and their heights for all that lies between."""
+
+import math
 
 import numpy as np
 import scipy.optimize
@@ -9,83 +11,132 @@ from .look_up import Rows, between_fovs, between_ratios, look_up, on_piece
 from .samples import Samples
 from .tube import Tube
 
-_STEP = 0.5  # largest relative change of a height in one linear program
-_PROGRAMS = 8
+_STEP = 0.5  # largest relative change of a height in a linear program
+_PROGRAMS = 12
 _ENOUGH = 0.9  # deep in the tube: no interval gains by more
+_FIRST = 20  # of so many samples one is in the first program
+_SHORT = 0.02  # of the depth
+_MORE, _FEWER = 12, 4  # moves of rows that may fail: at first, and with fewer than are known to keep to the tube
 
 
-def joint_heights(
-    samples: Samples, axis: str, place: np.ndarray, rows: np.ndarray, knots: np.ndarray, heights: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Heights of the rows of a table over one axis, such that each interval between rows is deep in the tube.
+def fewest_rows(
+    samples: Samples, axis: str, place: np.ndarray, knots: np.ndarray, heights: np.ndarray, start: Rows | None = None
+) -> Rows | None:
+    """A table with as few rows as keep to the tube, or None where none is found.
+
+    What an interval between rows lacks (1 - depth) goes with the square of its length, so that its root is a density
+    of rows: by it rows are moved until all intervals are alike, and their number is foretold.
+
+    Args:
+        samples: of candidate rows.
+        axis: "depth_ratio" or "half_fov": what varies from row to row.
+        place: (G,) the candidates' values of it, increasing.
+        knots, heights: (G, N) of the candidates; rows have their knots, and begin with their heights.
+        start: a table whose places to begin with.
+    """
+    fit = Fit(samples, axis, place)
+    kept, left, slack = None, _MORE, 0.1
+    if start is None:
+        which = np.linspace(0, len(place) - 1, max(3, len(place) // 8)).round().astype(int)
+    else:
+        which = np.searchsorted(place, getattr(start, axis))
+    while left:
+        rows, depths = fit(place[which], knots[which], heights[which])
+        lack = np.sqrt(1 - depths)
+        needed = 1 + math.ceil(lack.sum() / math.sqrt(1 - slack))
+        if depths.min() >= 0:
+            kept, left = rows, _FEWER
+            count = min(len(which) - 1, needed)
+        else:
+            left -= 1
+            count = len(which) if kept else max(len(which), needed)
+            slack += 0.01
+        if count < 2:
+            break
+        which = _moved(np.log(place), which, lack, count)
+    return kept
+
+
+def _moved(place: np.ndarray, which: np.ndarray, lack: np.ndarray, count: int) -> np.ndarray:
+    """So many rows, among which each interval would lack alike."""
+    reached = np.concatenate([[0.0], np.cumsum(lack)])
+    at = np.interp(np.linspace(0, reached[-1], count), reached, place[which])
+    return np.unique(np.abs(place[:, None] - at).argmin(0))
+
+
+class Fit:
+    """Heights of rows at given places, such that each interval between rows is deep in the tube.
 
     A look-up between rows is not quite linear in the heights: a few linear programs, each about the last one's heights.
     The sum over intervals of the depth (`Tube.depth`, up to 0.9) of its shallowest sample is largest.
 
     Args:
-        samples: at candidate rows.
-        axis: "depth_ratio" or "half_fov": what varies from row to row.
-        place: (G,) the candidates' values of it, increasing.
-        rows: (R,) which candidates are rows, the first and the last among them.
-        knots: (R, N) of the rows; heights: (R, N) to begin with.
-
-    Returns:
-        heights (R, N), and the depths (R - 1,).
+        samples, axis, place: as of `fewest_rows`.
     """
-    count, size = knots.shape
-    along, by_ratio = place[rows], axis == "depth_ratio"
-    row, t = (between_ratios if by_ratio else between_fovs)(place, along, np)
-    positions = knots[row] + t[:, None] * (knots[row + 1] - knots[row])
-    piece, share = on_piece(samples.theta, positions[:, None], np)
-    row, t = (np.broadcast_to(v[:, None], piece.shape) for v in (row, t))
-    corners = [(row + i) * size + piece + k for i in (0, 1) for k in (0, 1)]
-    around = Tube(*(v.ravel() for v in samples.tube))
-    interval = row.ravel()
-    total = len(interval)
 
-    def depths_of(heights: np.ndarray) -> np.ndarray:
-        polylines = (v.reshape((count, 1, size) if by_ratio else (1, count, size)) for v in (knots, heights))
-        table = Rows(*((along, np.ones(1)) if by_ratio else (np.ones(1), along)), *polylines)
-        found = look_up(samples.theta, place[:, None], place[:, None], table, np).ravel()
-        least = np.full(count - 1, np.inf)
-        np.minimum.at(least, interval, around.depth(found))
-        return np.minimum(least, _ENOUGH)
+    def __init__(self, samples: Samples, axis: str, place: np.ndarray):
+        self.theta, self.tube = samples.theta, Tube(*(v.ravel() for v in samples.tube))
+        self.place, self.by_ratio = place, axis == "depth_ratio"
 
-    heights = heights.ravel().copy()
-    best = heights, depths_of(heights)
-    for _ in range(_PROGRAMS):
-        one = (1 - share) * heights[corners[0]] + share * heights[corners[1]]
-        other = (1 - share) * heights[corners[2]] + share * heights[corners[3]]
+    def __call__(self, along: np.ndarray, knots: np.ndarray, heights: np.ndarray) -> tuple[Rows, np.ndarray]:
+        """(the rows, the depths (R - 1,)) at places (R,) with knots (R, N), from heights (R, N) to begin with."""
+        intervals, size = len(along) - 1, heights.size
+        row, t = (between_ratios if self.by_ratio else between_fovs)(self.place, along, np)
+        interval = np.repeat(row, self.theta.shape[1])
+
+        def least(deep: np.ndarray) -> np.ndarray:
+            found = np.full(intervals, _ENOUGH)
+            np.minimum.at(found, interval, deep)
+            return found
+
+        rows = self._rows(along, knots, heights)
+        depths = least(self._deep(rows))
+        slope, value = self._linearised(row, t, knots, heights)
+        # Few samples matter: those at which a program fell short of what it promised join the next.
+        active = np.arange(len(value)) % _FIRST == 0
+        cost = np.concatenate([np.zeros(size), -np.ones(intervals)])
+        bounds = [(-_STEP, _STEP)] * size + [(None, _ENOUGH)] * intervals
+        for _ in range(_PROGRAMS):
+            few = Tube(*(v[active] for v in self.tube))
+            program, limits = inside(slope[active], value[active], few, interval[active], intervals)
+            found = scipy.optimize.linprog(cost, program, limits, bounds=bounds, method="highs-ipm")
+            if not found.success:
+                break
+            changed = heights * (1 + found.x[:size].reshape(heights.shape))
+            tried = self._rows(along, knots, changed)
+            deep = self._deep(tried)
+            short = ~active & (deep < found.x[size:][interval] - _SHORT)
+            gain = np.sum(least(deep) - depths)
+            if gain > 0:
+                rows, depths, heights = tried, least(deep), changed
+                slope, value = self._linearised(row, t, knots, heights)
+            if gain < 0.01 * intervals and not short.any():
+                break
+            active |= short
+        return rows, depths
+
+    def _rows(self, along: np.ndarray, knots: np.ndarray, heights: np.ndarray) -> Rows:
+        axes, shape = ((along, np.ones(1)), (-1, 1)) if self.by_ratio else ((np.ones(1), along), (1, -1))
+        return Rows(*axes, *(v.reshape(*shape, v.shape[-1]) for v in (knots, heights)))
+
+    def _deep(self, rows: Rows) -> np.ndarray:
+        place = self.place[:, None]
+        return self.tube.depth(look_up(self.theta, place, place, rows, np).ravel())
+
+    def _linearised(self, row, t, knots, heights) -> tuple[scipy.sparse.csr_matrix, np.ndarray]:
+        """(slope by relative changes of the heights, value) of a look-up at the samples."""
+        positions = knots[row] + t[:, None] * (knots[row + 1] - knots[row])
+        piece, share = on_piece(self.theta, positions[:, None], np)
+        row, t = (v[:, None] for v in (row, t))
+        corners = [(row + i) * knots.shape[1] + piece + k for i in (0, 1) for k in (0, 1)]
+        low, high, other_low, other_high = (heights.ravel()[corner] for corner in corners)
+        one, other = low + share * (high - low), other_low + share * (other_high - other_low)
         value = one ** (1 - t) * other**t
-        weights = [value * (1 - t) / one * v for v in (1 - share, share)]
-        weights += [value * t / other * v for v in (1 - share, share)]
-        entries = np.concatenate([(w * heights[c]).ravel() for w, c in zip(weights, corners, strict=True)])
-        where = np.tile(np.arange(total), 4), np.concatenate([c.ravel() for c in corners])
-        slope = scipy.sparse.csr_matrix((entries, where), (total, count * size))
-        program, limits = inside(slope, value.ravel(), around, interval, count - 1)
-        bounds = [(-_STEP, _STEP)] * (count * size) + [(None, _ENOUGH)] * (count - 1)
-        cost = np.concatenate([np.zeros(count * size), -np.ones(count - 1)])
-        found = scipy.optimize.linprog(cost, program, limits, bounds=bounds, method="highs-ipm")
-        if not found.success:
-            break
-        heights = heights * (1 + found.x[: count * size])
-        depths = depths_of(heights)
-        gain = np.sum(depths - best[1])
-        if gain > 0:
-            best = heights, depths
-        if gain < 0.01 * count:
-            break
-    return best[0].reshape(count, size), best[1]
-
-
-def moved_rows(place: np.ndarray, rows: np.ndarray, depths: np.ndarray, wanted: float) -> np.ndarray:
-    """Rows, more or fewer, among which each interval would be `wanted` deep.
-
-    What an interval lacks (1 - depth) goes with the square of its length, so that its root is a density of rows.
-    """
-    density = np.sqrt((1 - depths) / (1 - wanted))
-    reached = np.concatenate([[0.0], np.cumsum(density)])
-    count = max(2, int(np.ceil(reached[-1])) + 1)
-    at = np.interp(np.linspace(0, reached[-1], count), reached, place[rows])
-    found = np.unique(np.abs(place[:, None] - at).argmin(0))
-    return np.unique(np.concatenate([[0], found, [len(place) - 1]]))
+        by_one, by_other = value * (1 - t) / one, value * t / other
+        entries = (
+            by_one * (1 - share) * low, by_one * share * high,
+            by_other * (1 - share) * other_low, by_other * share * other_high,
+        )  # fmt: skip
+        where = np.tile(np.arange(piece.size), 4), np.concatenate([corner.ravel() for corner in corners])
+        entries = np.concatenate([v.ravel() for v in entries])
+        return scipy.sparse.csr_matrix((entries, where), (piece.size, heights.size)), value.ravel()

@@ -66,8 +66,7 @@ class LambdaTable(eqx.Module):
     @property
     def size(self) -> int:
         """Bytes of the numbers that exported code holds: four each."""
-        axes = sum(len(axis) for axis in (self.depth_ratio, self.half_fov) if len(axis) > 1)
-        return 4 * (axes + self.theta.size + self.knot_eta.size)
+        return 4 * self.rows.size
 
     def eta(
         self,

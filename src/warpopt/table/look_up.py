@@ -20,6 +20,12 @@ class Rows(NamedTuple):
     theta: np.ndarray
     eta: np.ndarray
 
+    @property
+    def size(self) -> int:
+        """How many numbers a look-up reads: an axis of one row needs none."""
+        axes = sum(len(axis) for axis in (self.depth_ratio, self.half_fov) if len(axis) > 1)
+        return axes + self.theta.size + self.eta.size
+
 
 def look_up(theta, depth_ratio, half_fov, rows: Rows, xp):
     """eta in (0, 1].

@@ -1,6 +1,7 @@
 """The tube of many view frusta at matching directions: what a table's knots are chosen from."""
 
 import copy
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -71,29 +72,28 @@ class Samples:
         fits = [best_heights(knots[g], self.theta[g], tubes[g], max_slope) for g in which]
         return np.stack([heights for heights, _ in fits]), np.array([depth for _, depth in fits])
 
-    def fewest(self, wanted: float, most: int) -> np.ndarray:
-        """Pieces between landmarks with which every frustum's polyline is `wanted` deep in its tube.
+    def finer(self, wanted: float, most: int) -> Iterator[np.ndarray]:
+        """Knots (G, N) with which every frustum's polyline is `wanted` deep in its tube: few first, then one more each.
 
         From what the density asks for, one piece more at a time, where it helps the worst frustum most.
 
         Raises:
-            RuntimeError: more than `most` knots.
+            RuntimeError: when there are no more than `most` left.
         """
         pieces = self.pieces.copy()
-        which = np.unique(np.linspace(0, len(self.theta) - 1, 24).round().astype(int))
+        some = np.unique(np.linspace(0, len(self.theta) - 1, 24).round().astype(int))
 
         def depth(pieces: np.ndarray, among: np.ndarray) -> np.ndarray:
             return self.heights(self.knots(pieces), np.inf, among)[1]
 
-        while True:
-            depths = depth(pieces, which)
+        while pieces.sum() < most:
+            depths = depth(pieces, some)
             if depths.min() >= wanted:
-                return pieces
-            if pieces.sum() >= most:
-                raise RuntimeError(f"got {pieces.sum() + 1} knots that do not yet keep the promise")
-            worst = which[[int(np.argmin(depths))]]
+                yield self.knots(pieces)
+            worst = some[[int(np.argmin(depths))]]
             trials = pieces + np.eye(len(pieces), dtype=int)
             pieces = trials[int(np.argmax([depth(trial, worst)[0] for trial in trials]))]
+        raise RuntimeError(f"got {most} knots a row that do not yet keep the promise")
 
 
 def _density_mass(theta: np.ndarray, eta: np.ndarray, width: np.ndarray) -> np.ndarray:
