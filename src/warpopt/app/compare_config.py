@@ -18,6 +18,7 @@ from .config import (
     Distinct,
     LightConfig,
     ObjectiveConfig,
+    OneView,
     OutputConfig,
     Section,
     listed,
@@ -25,7 +26,6 @@ from .config import (
     validated,
 )
 from .scene_config import SceneConfig
-from .table_config import TableView
 
 RuleName = Literal[
     "ssm", "psm", "lispsm", "tsm", "tsm_alternative", "minimum_norm", "scherzer", "lispsm_paper", "filament",
@@ -76,7 +76,7 @@ class CompareLight(LightConfig):
 class CompareConfig(Section):
     """Rules over a view frustum: `warpopt compare`."""
 
-    view: TableView
+    view: OneView
     light: CompareLight
     rules: RulesConfig = RulesConfig()
     objective: ObjectiveConfig = ObjectiveConfig()

@@ -81,6 +81,12 @@ def _finding(sweep: Sweep, i: int, optimum: OptimumCurves, order: np.ndarray) ->
     )
 
 
+def markdown_table(heads: list[str], rows: list[list[str]]) -> str:
+    """A table in Markdown."""
+    lines = ["| " + " | ".join(cells) + " |\n" for cells in (heads, *rows)]
+    return "".join([lines[0], "|" + "---|" * len(heads) + "\n", *lines[1:]])
+
+
 def _paragraph(finding: Finding) -> str:
     f = finding
     lines = [f"### E_{f.metric}, norm {f.norm}, f/n = {f.depth_ratio:g}, half field of view {f.half_fov_deg:g} deg", ""]
@@ -91,14 +97,15 @@ def _paragraph(finding: Finding) -> str:
         if f.no_warp == "none"
         else f"No warp is optimal for theta = {f.no_warp}; a warp helps for the others."
     )
-    lines += ["", "| rule | worst error / optimum | at theta | worse than no warp for theta |", "|---|---|---|---|"]
+    rows = []
     for name, (ratio, theta) in f.worst.items():
         if np.isnan(ratio):
-            lines.append(f"| {TITLES[name]} | gives no lambda > 0 here | | |")
+            rows.append([TITLES[name], "gives no lambda > 0 here", "", ""])
         else:
             harm = f.harmful[name] or ("" if name == "ssm" else "nowhere")
-            lines.append(f"| {TITLES[name]} | {ratio:.4g} | {theta:g} deg | {harm} |")
-    return "\n".join(lines) + "\n"
+            rows.append([TITLES[name], f"{ratio:.4g}", f"{theta:g} deg", harm])
+    heads = ["rule", "worst error / optimum", "at theta", "worse than no warp for theta"]
+    return "\n".join([*lines, "", markdown_table(heads, rows)])
 
 
 def _counted(count: int, noun: str) -> str:

@@ -2,7 +2,6 @@
 
 import concurrent.futures
 import csv
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from .blocks import RULES, field_shapes
 from .config import RunConfig
 from .job import Job, job_of
 from .parts import Parts, folder_of
-from .record import environment, progress_bar, write_mark
+from .record import environment, outcome_counts, progress_bar, timed, write_mark
 from .report import TITLES, Finding, findings, report
 from .single import finite_or_none
 from .sweep import OptimumCurves, Sweep, sweep_of
@@ -47,17 +46,15 @@ def run(config: RunConfig, console: Console | None = None) -> int:
     timings: dict[str, float] = {}
     steps = (1 + len(job.objectives)) * job.tiling.count + 4 * config.output.figures
     with whole_folder(config.output.directory) as folder, progress_bar(console, steps) as progress:
-        start = time.perf_counter()
         with concurrent.futures.ThreadPoolExecutor(1) as pool:
             drawing = config.output.figures and pool.submit(_view_figures, job, folder, progress)
-            sweep = sweep_of(job, parts, progress, all_there=several)
-            timings["solve_s"] = time.perf_counter() - start
+            with timed(timings, "solve_s"):
+                sweep = sweep_of(job, parts, progress, all_there=several)
             drawn = drawing.result() if drawing else {}
         write_table(sweep, folder / "table.csv")
         write_arrays(sweep, folder / "table.npz")
-        start = time.perf_counter()
-        figures = _sweep_figures(sweep, folder, progress, drawn) if config.output.figures else []
-        timings["figures_s"] = time.perf_counter() - start
+        with timed(timings, "figures_s"):
+            figures = _sweep_figures(sweep, folder, progress, drawn) if config.output.figures else []
         found = findings(sweep)
         (folder / "report.md").write_text(report(config, sweep, found, figures), encoding="utf-8")
         write_mark(folder, run_record(config, sweep, timings))
@@ -137,11 +134,7 @@ def run_record(config: RunConfig, sweep: Sweep, timings: dict[str, float]) -> di
                 "metric": o.metric,
                 "norm": o.norm,
                 "measure": sweep.measure,
-                "outcomes": {
-                    outcome.name: count
-                    for outcome in warpopt.Outcome
-                    if (count := int((o.result[: len(sweep.views)] == outcome).sum()))
-                },
+                "outcomes": outcome_counts(o.result[: len(sweep.views)]),
                 "largest_residual": finite_or_none(o.residual[: len(sweep.views)].max()),
                 "tables": [_json_table(sweep, o, i) for i in range(len(sweep.views))],
             }

@@ -4,6 +4,8 @@ from typing import Any
 
 import warpopt
 
+from .job import objectives
+from .report import markdown_table
 from .scene_config import SceneConfig
 from .scene_input import SceneInput
 from .scene_solve import Solved
@@ -42,21 +44,18 @@ def scene_report(config: SceneConfig, scene: SceneInput, solved: list[Solved], f
     if figures:
         parts.append("## Figures\n")
         parts += [f"![{stem}]({stem}.png)\n\n*{caption}*\n" for stem, caption in figures]
-    for metric in config.objective.metrics:
-        for norm in config.objective.norms:
-            mine = [s for s in solved if (s.metric, s.norm) == (metric, str(norm))]
-            if mine:
-                parts.append(f"## E_{metric}, norm {norm}\n")
-                parts.append(_gain(mine))
-                parts.append(_table(mine))
+    for metric, norm in objectives(config.objective.metrics, config.objective.norms):
+        mine = [s for s in solved if (s.metric, s.norm) == (metric, str(norm))]
+        if mine:
+            rows = [[short(s.row, name) for name in _HEADS] for s in mine]
+            parts += [f"## E_{metric}, norm {norm}\n", _gain(mine), markdown_table(list(_HEADS.values()), rows)]
     return "\n".join(parts)
 
 
 def _opening(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> str:
-    kind = next(name for name in type(config.receivers).model_fields if getattr(config.receivers, name) is not None)
     below = sum(step.light is None for step in scene.steps)
     lines = [
-        f"Receivers: {kind.replace('_', ' ')}. {len(scene.camera_of)} camera(s), {len(scene.cameras)} distinct; "
+        f"Receivers: {config.receivers.kind}. {len(scene.camera_of)} camera(s), {len(scene.cameras)} distinct; "
         f"{len(scene.steps)} step(s) of the light, {len(scene.lights)} distinct direction(s)."
     ]
     if below:
@@ -79,9 +78,3 @@ def _gain(mine: list[Solved]) -> str:
     (most, where), (least, _) = max(gains), min(gains)
     words = f"The optimal warp divides the error by {most:.3g} at best (light {where}) and by {least:.3g} at worst."
     return words + (f" No warp is optimal in {useless} problem(s).\n" if useless else "\n")
-
-
-def _table(mine: list[Solved]) -> str:
-    lines = ["| " + " | ".join(_HEADS.values()) + " |", "|" + "---|" * len(_HEADS)]
-    lines += ["| " + " | ".join(short(s.row, name) for name in _HEADS) + " |" for s in mine]
-    return "\n".join(lines) + "\n"

@@ -10,6 +10,7 @@ import numpy as np
 import warpopt
 
 from ..scene_files.scene_camera import SceneCamera
+from .job import objectives
 from .scene_config import SceneConfig
 from .scene_input import SceneInput
 from .single import finite_or_none
@@ -75,15 +76,14 @@ def solve_scene(config: SceneConfig, scene: SceneInput, progress: Callable[[str]
     lights = jax.vmap(warpopt.DirectionalLight)(np.array(scene.lights, float))
     casters = None if scene.casters is None else jax.numpy.asarray(scene.casters)  # once on the device
     solved = []
-    for metric in config.objective.metrics:
-        for norm in config.objective.norms:
-            over_lights = _over_lights(config, metric, norm)
-            for i, camera in enumerate(cameras):
-                found = jax.device_get(over_lights(camera, lights, receivers[i], casters))
-                for k in range(len(scene.lights)):
-                    one = jax.tree.map(lambda v, k=k: v[k], found)
-                    solved.append(_solved(one, (i, k), list(scene.lights[k]), metric, str(norm)))
-                    progress(solved[-1].title)
+    for metric, norm in objectives(config.objective.metrics, config.objective.norms):
+        over_lights = _over_lights(config, metric, norm)
+        for i, camera in enumerate(cameras):
+            found = jax.device_get(over_lights(camera, lights, receivers[i], casters))
+            for k in range(len(scene.lights)):
+                one = jax.tree.map(lambda v, k=k: v[k], found)
+                solved.append(_solved(one, (i, k), list(scene.lights[k]), metric, str(norm)))
+                progress(solved[-1].title)
     return solved
 
 
