@@ -99,7 +99,7 @@ class Table(_Configured):
 
 @dataclasses.dataclass(frozen=True)
 class Compare(_Configured):
-    """Compare rules for lambda (published, engines', yours) with the optimum and the limit, over a frustum or a scene."""
+    """Compare rules (published, engines', yours) with the optimum and the limit, over a frustum or a scene."""
 
     def answer(self, overrides: list[str]) -> int:
         from .compare_config import SceneCompareConfig, check_modules, own_rules, read_compare_config
