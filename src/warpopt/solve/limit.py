@@ -72,10 +72,19 @@ def refuse_unknown(norm: ErrorNorm) -> None:
     """Raises:
     ValueError: no limit is known for this norm.
     """
+    unknown = unknown_limit(norm)
+    if unknown:
+        raise ValueError(
+            f"metric, norm: got {unknown}, expected E_p in any norm or E_q in L-inf: no other limit is known"
+        )
+
+
+def unknown_limit(norm: ErrorNorm) -> str | None:
+    """The kind of norm, in words, if no limit is known for it."""
     alpha, beta = norm.metric.alpha, norm.metric.beta
-    if beta and (alpha or not norm.supremum):
-        what = "a product of E_p and E_q" if alpha else f"E_q in L_{norm.order:g}"
-        raise ValueError(f"metric, norm: got {what}, expected E_p in any norm or E_q in L-inf: no other limit is known")
+    if not beta or (not alpha and norm.supremum):
+        return None
+    return "a product of E_p and E_q" if alpha else f"E_q in L_{norm.order:g}"
 
 
 @functools.partial(jax.jit, static_argnames=("norm",))
