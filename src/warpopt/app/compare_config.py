@@ -98,6 +98,12 @@ def read_compare_config(path: Path, overrides: list[str]) -> CompareConfig | Sce
     """
     data = read_data(path, overrides)
     scene = bool({"camera", "receivers"} & set(data))
+    if scene and "view" in data:
+        beside = " and ".join(f"[{name}]" for name in ("camera", "receivers") if name in data)
+        raise ConfigError(
+            f"{path}: got [view] beside {beside}, expected a view frustum ([view], as in configs/compare.toml) or a "
+            "scene ([camera] and [receivers], as in configs/compare_landscape.toml)"
+        )
     return validated(SceneCompareConfig if scene else CompareConfig, data, str(path))
 
 

@@ -18,7 +18,7 @@ from .writing import whole_folder
 
 _COLUMNS = (
     "camera", "light", "x", "y", "z", "theta_deg", "metric", "norm", "eta", "lambda", "lambda_over_mu", "mu", "value",
-    "unwarped", "margin", "excess", "outcome",
+    "unwarped", "limit", "over_limit", "margin", "excess", "outcome",
 )  # fmt: skip
 _SHOWN = {
     "camera": "camera",

@@ -2,10 +2,12 @@
 
 from typing import Any
 
+import numpy as np
+
 import warpopt
 
 from .job import objectives
-from .report import markdown_table
+from .report import least_and_largest, limit_sentence, markdown_table
 from .scene_config import SceneConfig
 from .scene_input import SceneInput
 from .scene_solve import Solved
@@ -17,6 +19,7 @@ _HEADS = {
     "lambda_over_mu": "lambda / mu",
     "value": "error",
     "unwarped": "without warp",
+    "over_limit": "error / limit",
     "margin": "margin",
     "outcome": "outcome",
 }
@@ -48,7 +51,12 @@ def scene_report(config: SceneConfig, scene: SceneInput, solved: list[Solved], f
         mine = [s for s in solved if (s.metric, s.norm) == (metric, str(norm))]
         if mine:
             rows = [[short(s.row, name) for name in _HEADS] for s in mine]
-            parts += [f"## E_{metric}, norm {norm}\n", _gain(mine), markdown_table(list(_HEADS.values()), rows)]
+            parts += [
+                f"## E_{metric}, norm {norm}\n",
+                _gain(mine),
+                _limit(mine),
+                markdown_table(list(_HEADS.values()), rows),
+            ]
     return "\n".join(parts)
 
 
@@ -66,6 +74,10 @@ def _opening(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> st
         "d log(error) / d log(eta) just below eta = 1: a warp helps where it is positive, and that is known before "
         f"anything is solved. Errors are {units}."
     )
+    lines.append(
+        "The limit is what the best monotone map of the depth would reach, perspective or not. Of depth buffers it is "
+        "that of maps that are linear within each of 256 depths, below which a warp may be by up to 8 %."
+    )
     lines.append("`scene.json` has the matrices, `table.csv` all numbers, `run.json` configuration and versions.")
     return "\n".join(lines) + "\n"
 
@@ -78,3 +90,9 @@ def _gain(mine: list[Solved]) -> str:
     (most, where), (least, _) = max(gains), min(gains)
     words = f"The optimal warp divides the error by {most:.3g} at best (light {where}) and by {least:.3g} at worst."
     return words + (f" No warp is optimal in {useless} problem(s).\n" if useless else "\n")
+
+
+def _limit(mine: list[Solved]) -> str:
+    over_limit = np.array([s.row["over_limit"] for s in mine], float)
+    reasons = dict.fromkeys(s.row["no_limit_because"] for s in mine if s.row["no_limit_because"])
+    return " ".join(filter(None, [limit_sentence(least_and_largest(over_limit)), *reasons])) + "\n"
