@@ -184,6 +184,26 @@ def test_solve_and_rules_answer_in_json(folder, capsys):
     assert answer["optimum"]["no_limit_because"] == "No limit is known for E_q in L_2."
 
 
+def test_limit_writes_a_map_that_reads_back(folder, capsys):
+    problem = ["--near", "1", "--far", "100", "--half-fov-deg", "30", "--theta-deg", "90"]
+    assert invoke("limit", "new/best.csv", "best.json", *problem) == 0
+    printed = capsys.readouterr().out
+    assert "E_p in inf over screen: 7.97639" in printed
+    assert "2.15 times" in printed
+    for name in ("new/best.csv", "best.json"):
+        assert warpopt.LimitMap.load(name).value == pytest.approx(math.sqrt(3) * math.log(100), rel=1e-13)
+    (folder / "mine.csv").write_text("1, 2")
+    for files, words in (
+        ([], "files: got none"),
+        (["map.txt"], "files: got map.txt"),
+        (["mine.csv"], "mine.csv: got a file that warpopt did not write"),
+    ):
+        assert invoke("limit", *files, *problem) == 2
+        assert words in capsys.readouterr().err
+    assert invoke("limit", "axis.csv", *problem, "--theta-deg", "0", "--measure", "axis") == 2
+    assert "more than one depth" in capsys.readouterr().err
+
+
 def test_schema_is_json_and_names_every_section(capsys):
     cli.main(["schema"])
     assert set(json.loads(capsys.readouterr().out)["properties"]) == {"view", "light", "objective", "output", "compute"}

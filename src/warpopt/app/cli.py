@@ -155,7 +155,7 @@ class Export(_Plain):
 
 
 @dataclasses.dataclass(frozen=True)
-class _OneProblem(_Plain):
+class _OneView(_Plain):
     near: float
     """Distance of the near plane."""
     far: float
@@ -164,22 +164,25 @@ class _OneProblem(_Plain):
     """Half the field of view, in degrees."""
     theta_deg: float
     """Angle between light and view direction, in degrees, 0 to 180."""
-    metric: str = "p"
-    """p, q or pxq."""
     norm: str = "inf"
     """inf, l1, l2 or a real order >= 1."""
     measure: str = "screen"
     """volume, screen, log_depth, ground or axis."""
-    json: bool = False
-    """Print JSON."""
 
     def problem(self) -> Problem:
         """The problem, validated; the next step may use JAX."""
-        fields = dataclasses.asdict(self)
-        del fields["json"]
+        fields = {name: value for name, value in vars(self).items() if name in Problem.model_fields}
         problem = validated(Problem, fields, "command line")
         prepare_jax()
         return problem
+
+
+@dataclasses.dataclass(frozen=True)
+class _OneProblem(_OneView):
+    metric: str = "p"
+    """p, q or pxq."""
+    json: bool = False
+    """Print JSON."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -205,6 +208,27 @@ class Rules(_OneProblem):
 
 
 @dataclasses.dataclass(frozen=True)
+class Limit(_OneView):
+    """The map s(delta) of E_p that no map of the depth can better, as a table."""
+
+    files: tyro.conf.Positional[tuple[Path, ...]] = ()
+    """Where to, for example limit.csv limit.json: each ends in .npz, .csv or .json."""
+
+    def run(self) -> int:
+        from .table_config import ENDINGS
+
+        wrong = [file for file in self.files if file.suffix not in ENDINGS]
+        if wrong or not self.files:
+            got = wrong[0] if wrong else "none"
+            raise ConfigError(f"files: got {got}, expected files such as limit.csv, ending in {', '.join(ENDINGS)}")
+        check_files_replaceable(self.files)
+        problem = self.problem()
+        from .single import write_limit_map
+
+        return write_limit_map(problem, self.files)
+
+
+@dataclasses.dataclass(frozen=True)
 class Schema(_Plain):
     """A configuration's JSON schema."""
 
@@ -221,7 +245,7 @@ class Schema(_Plain):
         print(json.dumps(pydantic.TypeAdapter(model).json_schema(), indent=2))
 
 
-Command = Run | Scene | Table | Compare | Export | Solve | Rules | Schema
+Command = Run | Scene | Table | Compare | Export | Solve | Rules | Limit | Schema
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -2,6 +2,8 @@
 
 import json
 import math
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import rich
@@ -10,9 +12,10 @@ from rich.table import Table
 import warpopt
 
 from .blocks import RULES
-from .config import Problem
+from .config import ConfigError, Problem
 from .job import View
 from .sweep import OptimumCurves, Sweep, compute_sweep
+from .writing import whole_files
 
 
 def finite_or_none(value: float) -> float | None:
@@ -107,3 +110,24 @@ def rules(problem: Problem, as_json: bool) -> int:
         if answer["no_limit_because"]:
             rich.print(answer["no_limit_because"])
     return 0 if warpopt.Outcome[answer["outcome"]].succeeded else 1
+
+
+def write_limit_map(problem: Problem, files: Sequence[Path]) -> int:
+    """Write the best map of E_p to each of the files, all or none, and say what it reaches; 0.
+
+    Raises:
+        ConfigError: there is no map (receivers at one depth), or a place holds what warpopt did not write.
+        OSError: a file cannot be written; all are then as they were.
+    """
+    frustum = warpopt.ViewFrustum(problem.near, problem.far, math.radians(problem.half_fov_deg))
+    try:
+        best = warpopt.limit_map(frustum, math.radians(problem.theta_deg), problem.norm, problem.measure)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    whole_files({path: best.encoded(path) for path in files})
+    optimum = float(_swept(problem)[1].over_limit[0, 0])
+    print(f"{len(best.delta)} knots; E_p in {problem.norm} over {problem.measure}: {best.value:.6g}")
+    print(f"The optimal perspective warp's is {optimum:.4g} times that.")
+    for path in files:
+        print(f"Written: {path}")
+    return 0
