@@ -94,6 +94,8 @@ def limit_sentence(over_limit: tuple[float, float] | None) -> str:
     if over_limit is None:
         return ""
     low, high = (f"{value:.3g}" for value in over_limit)
+    if low == high == "1":
+        return "The optimum attains the limit."
     return f"The optimum's error is {low if low == high else f'{low} to {high}'} times the limit."
 
 
