@@ -135,6 +135,12 @@ def test_single_precision(values):
         np.testing.assert_allclose(half, whole, rtol=64 * np.finfo(np.float32).eps)
 
 
+def test_beyond_the_tabulated_integrals_it_is_nan():
+    """At theta = phi the longest row has the whole depth ratio."""
+    found = warpopt.limit(warpopt.ViewFrustum(1.0, np.array([1e13, 1e15]), 0.5), 0.5, "p", "l1")
+    assert np.isfinite(found).tolist() == [True, False]
+
+
 numbers = st.lists(st.floats(0, 1), min_size=16, max_size=16).map(np.array)
 
 
@@ -313,6 +319,16 @@ def test_bodies_have_the_frustums_limit(degrees):
     e_q = 2 / np.tan(scenes.PHI) * (x / blend).max(1) * (blend / z).max(1)
     assert 0 < warpopt.scene_limit(camera, light, body, "p") <= e_p.min() * (1 + 1e-12)
     assert 0 < warpopt.scene_limit(camera, light, body, "q") <= e_q.min() * (1 + 1e-12)
+
+
+def test_a_gap_in_a_histogram_takes_no_texels():
+    """A light overhead: the logarithm over the filled bins alone."""
+    camera, light = camera_and_light(90.0)
+    gap = warpopt.DepthHistogram(HISTOGRAM.edges, (2.0, 0.0, 1.0))
+    exact = (np.log(4) + np.log(100 / 30)) / np.tan(scenes.PHI)
+    assert warpopt.scene_limit(camera, light, gap) == pytest.approx(exact, rel=1e-12)
+    best = warpopt.scene_limit_map(camera, light, gap)
+    assert best(3 / 99) == pytest.approx(best(29 / 99), rel=1e-12)
 
 
 def test_points_and_buffers_approach_the_limit_of_what_they_sample():
