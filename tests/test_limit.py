@@ -304,6 +304,7 @@ def test_bodies_have_the_frustums_limit(degrees):
     for metric in ("p", "q"):
         exact = float(warpopt.limit(PAPER, np.deg2rad(degrees), metric))
         for receivers in (None, box, HISTOGRAM):
+            assert warpopt.scene_limit(camera, light, receivers, "max") >= exact * (1 - 1e-10)
             assert warpopt.scene_limit(camera, light, receivers, metric) == pytest.approx(exact, rel=1e-10)
     axis = warpopt.scene_limit(camera, light, warpopt.WholeFrustum("axis"))
     assert axis == pytest.approx(float(warpopt.limit(PAPER, np.deg2rad(degrees), measure="axis")), rel=1e-10)
@@ -403,6 +404,7 @@ def test_maps_over_receivers_attain_their_limits():
         (lambda c, light: warpopt.scene_limit(c, light, HISTOGRAM, "p", "l1"), "DepthHistogram with E_p in L_1"),
         (lambda c, light: warpopt.scene_limit(c, light, POINTS, "q", "l2"), "E_q in L_2"),
         (lambda c, light: warpopt.scene_limit(c, light, "all"), "receivers: got"),
+        (lambda c, light: warpopt.scene_limit(c, light, POINTS, "max", "l2"), "E_q in L_2"),
         (lambda c, light: warpopt.scene_limit(c, light, None, "pxq"), "product"),
         (lambda c, light: warpopt.scene_limit(c, light, bins=0), "bins"),
     ],

@@ -169,8 +169,8 @@ def receivers_of(config: SceneConfig, scene: SceneInput, i: int):
 
 def no_scene_limit_because(metric: str, norm: str | float, receivers: Any) -> str | None:
     """Why an objective's results are no multiples of a limit, in words; None if they are."""
-    if metric == "max":
-        return "No limit is known for the maximum of E_p and E_q."
+    if metric == "max":  # in L-inf alone
+        return None
     known = norm == "inf" or isinstance(receivers, warpopt.DepthBuffer)
     return no_limit_because(metric, norm) or (None if known else "No limit is known for an L_P norm over a body.")
 

@@ -47,7 +47,8 @@ def scene_limit(
     by their vertices. `PointReceivers` and `DepthBuffer`: E_p in every norm and E_q in L-inf, the best of the maps that
     are linear, and of one width, within each bin of depth. Finitely many points alone would have the limit 0, with
     every texel row at a point: the bins stand for the surfaces between them, and a warp, whose slope and width vary
-    within a bin, can be below by up to 8 % (E_q: 4 %). 0 for no receivers, or one depth.
+    within a bin, can be below by up to 8 % (E_q: 4 %). 0 for no receivers, or one depth. For "max" it is the larger of
+    the two limits: the slope is one map's choice and the width another's.
 
     Args:
         camera, light, receivers, metric, norm, screen, shadow_map: as in `scene_warp`.
@@ -64,6 +65,9 @@ def scene_limit(
         >>> round(scene_limit(camera, light), 3)   # log(100) / tan(phi); the optimal warp's norm is 2.15 times it
         7.976
     """
+    if metric == "max":
+        options = {"bins": bins, "screen": screen, "shadow_map": shadow_map}
+        return max(scene_limit(camera, light, receivers, one, norm, **options) for one in ("p", "q"))
     receivers = WholeFrustum() if receivers is None else receivers
     error_norm = ErrorNorm.of(metric, norm, getattr(receivers, "measure", "screen"))
     refuse_unknown(error_norm)
