@@ -54,6 +54,7 @@ def test_run_writes_a_table_that_reads_back_as_the_library_computes(folder, caps
         rows = list(csv.DictReader(file))
     head = "theta_deg,near,far,half_fov_deg,metric,norm,measure,eta,lambda_over_mu,lambda,value"
     assert list(rows[0])[:11] == head.split(",")
+    assert list(rows[0])[11:13] == ["limit", "over_limit"]
     assert len(rows) == 8
     frustum = warpopt.ViewFrustum(1.0, 100.0, np.deg2rad(30.0))
     with np.load(folder / "out/table.npz") as file:
@@ -64,16 +65,22 @@ def test_run_writes_a_table_that_reads_back_as_the_library_computes(folder, caps
         mine = [r for r in rows if r["metric"] == metric]
         # Batches of other shapes may round differently in the last place; text and npz may not.
         np.testing.assert_allclose([float(r["eta"]) for r in mine], solution.warp.eta, rtol=4e-15)
+        limit = np.asarray(warpopt.limit(frustum, theta, metric))
+        np.testing.assert_allclose([float(r["over_limit"]) for r in mine], solution.value / limit, rtol=1e-14)
+        np.testing.assert_array_equal([float(r["limit"]) for r in mine], arrays["limit"][o, 0])
         np.testing.assert_array_equal([float(r["eta"]) for r in mine], arrays["eta"][o, 0])
         np.testing.assert_array_equal([float(r["lambda"]) for r in mine], arrays["lambda"][o, 0])
         ratio = warpopt.error_norm(frustum, theta, warpopt.rules.lispsm(frustum, theta), metric) / solution.value
         np.testing.assert_allclose([float(r["lispsm"]) for r in mine], ratio, rtol=1e-14)
         psm = list(arrays["rule"]).index("psm")
         np.testing.assert_array_equal([float(r["psm"]) for r in mine], arrays["ratio"][o, psm, 0])
+    report = (folder / "out/report.md").read_text()
+    assert "The optimum's error is 1.96 to 16.3 times the limit." in report
+    assert "None is known" not in report
 
 
-def test_no_warp_is_inf_in_csv_and_null_in_strict_json(folder):
-    assert invoke("run", "config.toml") == 0
+def test_no_warp_is_inf_and_no_limit_nan_in_csv_and_both_null_in_strict_json(folder):
+    assert invoke("run", "config.toml", "--objective.metrics", '["p", "q", "pxq"]') == 0
 
     def forbidden(constant):
         raise AssertionError(constant)
@@ -88,6 +95,11 @@ def test_no_warp_is_inf_in_csv_and_null_in_strict_json(folder):
     assert record["dtype"] == "float64"
     table = (folder / "out/table.csv").read_text()
     assert "10.0,1.0,100.0,30.0,q,inf,screen,1.0,inf,inf," in table
+    assert [o["no_limit_because"] for o in record["objectives"][:2]] == [None, None]
+    assert record["objectives"][2]["no_limit_because"] == "No limit is known for a product of E_p and E_q."
+    assert {row["over_limit"] for row in record["objectives"][2]["tables"][0]["rows"]} == {None}
+    assert table.count("nan,nan,") == 4
+    assert "the columns hold nan, for E_pxq in norm inf." in (folder / "out/report.md").read_text()
 
 
 def test_overrides_of_any_key(folder):
@@ -157,12 +169,39 @@ def test_solve_and_rules_answer_in_json(folder, capsys):
     assert invoke("solve", *problem) == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["lambda"] == pytest.approx(11.0, rel=1e-13)  # n + sqrt(f n)
+    assert answer["limit"] == pytest.approx(math.sqrt(3) * math.log(100), rel=1e-13)
+    assert answer["over_limit"] == answer["value"] / answer["limit"]
+    assert invoke("rules", *problem, "--metric", "p") == 0
+    rules = json.loads(capsys.readouterr().out)["rules"]
+    assert rules["ssm"]["over_limit"] == pytest.approx(10 * answer["over_limit"], rel=1e-13)
     assert invoke("rules", *problem, "--metric", "q", "--norm", "2") == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["rules"]["psm"]["ratio"] == pytest.approx(1.0, abs=1e-13)
     assert answer["rules"]["ssm"] == {
         "lambda": None, "lambda_over_mu": None, "no_warp": True, "defined": True, "ratio": pytest.approx(10.0),
+        "over_limit": None,
     }  # fmt: skip
+    assert answer["optimum"]["no_limit_because"] == "No limit is known for E_q in L_2."
+
+
+def test_limit_writes_a_map_that_reads_back(folder, capsys):
+    problem = ["--near", "1", "--far", "100", "--half-fov-deg", "30", "--theta-deg", "90"]
+    assert invoke("limit", "new/best.csv", "best.json", *problem) == 0
+    printed = capsys.readouterr().out
+    assert "E_p in inf over screen: 7.97639" in printed
+    assert "2.15 times" in printed
+    for name in ("new/best.csv", "best.json"):
+        assert warpopt.LimitMap.load(name).value == pytest.approx(math.sqrt(3) * math.log(100), rel=1e-13)
+    (folder / "mine.csv").write_text("1, 2")
+    for files, words in (
+        ([], "files: got none"),
+        (["map.txt"], "files: got map.txt"),
+        (["mine.csv"], "mine.csv: got a file that warpopt did not write"),
+    ):
+        assert invoke("limit", *files, *problem) == 2
+        assert words in capsys.readouterr().err
+    assert invoke("limit", "axis.csv", *problem, "--theta-deg", "0", "--measure", "axis") == 2
+    assert "more than one depth" in capsys.readouterr().err
 
 
 def test_schema_is_json_and_names_every_section(capsys):
@@ -220,6 +259,7 @@ def test_a_failed_solve_does_not_pass_for_no_warp(folder, capsys):
     assert answer["outcome"] == "not_finite"
     assert answer["no_warp"] is False
     assert answer["eta"] is None
+    assert answer["over_limit"] is None
     assert answer["lambda"] is None
 
 

@@ -305,7 +305,7 @@ def test_figures_are_drawn_and_written(written, comparison):
         (["--light.theta_deg", "[30, 20]"], "light.theta_deg: got [30, 20], expected increasing"),
         (["--light.theta_deg", "{start = 9, stop = 3, count = 4}"], "expected increasing"),
         (["--view.far", "0.5"], "view.far: got 0.5"),
-        (["--receivers.box.lower", "3"], "light.theta_deg: unknown key"),
+        (["--receivers.box.lower", "3"], "got [view] beside [receivers], expected a view frustum"),
         (["--output.directory", "rules_beside_the_config.py"], "which is a file"),
     ],
 )

@@ -166,9 +166,8 @@ def test_command_lines_are_accepted(page, words, monkeypatch):
         read_config(config, rest, models[type(command)])
     elif isinstance(command, cli.Export):
         ExportRequest.of(command.table, command.to, command.directory, command.metric, command.prefix)
-    elif isinstance(command, cli.Solve | cli.Rules):
-        fields = vars(command).copy()
-        fields.pop("json")
+    elif isinstance(command, cli.Solve | cli.Rules | cli.Limit):
+        fields = {name: value for name, value in vars(command).items() if name in Problem.model_fields}
         validated(Problem, fields, page.name)
 
 

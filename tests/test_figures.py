@@ -47,6 +47,7 @@ def synthetic_sweep(views=(PAPER,), context=(), theta_deg=None, metrics=("p", "q
             np.zeros(shape, int),
             np.zeros(shape),
             {name: 10 ** rng.uniform(0, 2, shape) for name in RULES},
+            np.full(shape, np.nan),
         )
         for metric in metrics
         for norm in norms

@@ -19,6 +19,7 @@ EPS = np.finfo(np.float64).eps
 PAPER = warpopt.ViewFrustum(1.0, 100.0, scenes.PHI)
 FRUSTUM, THETA = scenes.batch()
 POINTS = warpopt.PointReceivers(np.ones((2, 3)))
+HISTOGRAM = warpopt.DepthHistogram((1.0, 4.0, 30.0, 100.0), (2.0, 1.0, 1.0))  # all of PAPER
 KINDS = [("inf", "screen"), ("l1", "screen"), ("l2", "volume"), ("l1", "axis"), (2.5, "ground")]
 
 
@@ -134,6 +135,12 @@ def test_single_precision(values):
         np.testing.assert_allclose(half, whole, rtol=64 * np.finfo(np.float32).eps)
 
 
+def test_beyond_the_tabulated_integrals_it_is_nan():
+    """At theta = phi the longest row has the whole depth ratio."""
+    found = warpopt.limit(warpopt.ViewFrustum(1.0, np.array([1e13, 1e15]), 0.5), 0.5, "p", "l1")
+    assert np.isfinite(found).tolist() == [True, False]
+
+
 numbers = st.lists(st.floats(0, 1), min_size=16, max_size=16).map(np.array)
 
 
@@ -242,12 +249,43 @@ def test_the_table_attains_the_limit_and_is_written_whole(tmp_path, norm, measur
         best.save(path)
         assert path.read_bytes() == first
     read = json.loads(paths[2].read_text())
-    assert read["format"] == "warpopt.LimitMap 1"
+    assert read["format"] == "warpopt.LimitMap 2"
     np.testing.assert_array_equal(read["s"], best.s)
     with np.load(paths[0]) as file:
         np.testing.assert_array_equal(file["delta"], best.delta)
+    for path in paths:
+        back = warpopt.LimitMap.load(path)
+        back.save(path)
+        assert path.read_bytes() == {p: p.read_bytes() for p in paths}[path]
+        assert (back.value, back.order, back.measure, back.mu) == (best.value, best.order, measure, best.mu)
+        np.testing.assert_array_equal(back.s, best.s)
     with pytest.raises(ValueError, match=r"expected an ending"):
         best.save(tmp_path / "map.txt")
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("map.json", lambda b: b[: len(b) // 2], "not a whole json map"),
+        ("map.csv", lambda b: b.replace(b"\n1.0,1.0", b""), "not a whole csv map"),
+        ("map.npz", lambda b: b[:-9], "not a whole npz map"),
+        ("map.json", lambda b: b.replace(b"LimitMap 2", b"LimitMap 3"), "got format 'warpopt.LimitMap 3'"),
+        ("map.json", lambda b: b.replace(b'"value": 7', b'"value": 8'), "digest"),
+        ("map.json", lambda b: b.replace(b'"mu"', b'"nu"'), "got fields"),
+        ("map.json", lambda b: b.replace(b'"s": [\n  0.0', b'"s": [\n  2.0'), "do not run from 0 to 1"),
+        ("map.json", lambda b: b.replace(b'"near": 1.0', b'"near": [1]'), "no number"),
+        ("map.txt", lambda b: b, "expected .npz, .csv or .json"),
+        ("none.json", None, "cannot be read: No such file"),
+    ],
+)
+def test_a_file_that_is_no_map_is_refused_in_words(tmp_path, name, change, words):
+    path = tmp_path / name
+    if change:
+        original = warpopt.limit_map(PAPER, np.pi / 2).encoded(path if name != "map.txt" else "map.csv")
+        path.write_bytes(change(original))
+        assert name == "map.txt" or path.read_bytes() != original
+    with pytest.raises(ValueError, match=words):
+        warpopt.LimitMap.load(path)
 
 
 def camera_and_light(degrees, seed=None):
@@ -265,7 +303,8 @@ def test_bodies_have_the_frustums_limit(degrees):
     box = warpopt.ConvexBody.box((-np.inf,) * 3, (np.inf,) * 3)
     for metric in ("p", "q"):
         exact = float(warpopt.limit(PAPER, np.deg2rad(degrees), metric))
-        for receivers in (None, box):
+        for receivers in (None, box, HISTOGRAM):
+            assert warpopt.scene_limit(camera, light, receivers, "max") >= exact * (1 - 1e-10)
             assert warpopt.scene_limit(camera, light, receivers, metric) == pytest.approx(exact, rel=1e-10)
     axis = warpopt.scene_limit(camera, light, warpopt.WholeFrustum("axis"))
     assert axis == pytest.approx(float(warpopt.limit(PAPER, np.deg2rad(degrees), measure="axis")), rel=1e-10)
@@ -273,7 +312,7 @@ def test_bodies_have_the_frustums_limit(degrees):
     x, y, z = (v.ravel() for v in np.meshgrid([-3.0, 3.0], [-2.0, 1.0], [5.0, 40.0]))  # in eye coordinates
     body = warpopt.ConvexBody.box((-3, -2, -40), (3, 1, -5))
     inside = np.abs(y) <= z * np.tan(scenes.PHI)  # the frustum cuts one edge of the box off
-    depth = z * np.sin(np.deg2rad(degrees)) - y * np.cos(np.deg2rad(degrees))
+    depth = z * np.sin(np.deg2rad(degrees)) + y * np.cos(np.deg2rad(degrees))
     depth, z, x = ((v - depth[inside].min() if v is depth else v)[inside] for v in (depth, z, x))
     eta = np.exp(np.linspace(-6, 0, 200))[:, None]
     blend = depth / depth.max() * (1 - eta) + eta
@@ -281,6 +320,16 @@ def test_bodies_have_the_frustums_limit(degrees):
     e_q = 2 / np.tan(scenes.PHI) * (x / blend).max(1) * (blend / z).max(1)
     assert 0 < warpopt.scene_limit(camera, light, body, "p") <= e_p.min() * (1 + 1e-12)
     assert 0 < warpopt.scene_limit(camera, light, body, "q") <= e_q.min() * (1 + 1e-12)
+
+
+def test_a_gap_in_a_histogram_takes_no_texels():
+    """A light overhead: the logarithm over the filled bins alone."""
+    camera, light = camera_and_light(90.0)
+    gap = warpopt.DepthHistogram(HISTOGRAM.edges, (2.0, 0.0, 1.0))
+    exact = (np.log(4) + np.log(100 / 30)) / np.tan(scenes.PHI)
+    assert warpopt.scene_limit(camera, light, gap) == pytest.approx(exact, rel=1e-12)
+    best = warpopt.scene_limit_map(camera, light, gap)
+    assert best(3 / 99) == pytest.approx(best(29 / 99), rel=1e-12)
 
 
 def test_points_and_buffers_approach_the_limit_of_what_they_sample():
@@ -294,8 +343,9 @@ def test_points_and_buffers_approach_the_limit_of_what_they_sample():
         exact = float(warpopt.limit(PAPER, np.deg2rad(60.0), "p", norm))
         got = warpopt.scene_limit(camera, light, points, "p", norm)
         assert got == pytest.approx(exact, rel=0.02)
-    at_most = float(warpopt.limit(PAPER, np.deg2rad(60.0)))
-    assert 0.8 * at_most < warpopt.scene_limit(camera, light, points) < 1.05 * at_most
+    for metric in ("p", "q"):
+        at_most = float(warpopt.limit(PAPER, np.deg2rad(60.0), metric))
+        assert 0.8 * at_most < warpopt.scene_limit(camera, light, points, metric) < 1.05 * at_most, metric
     up = tan * (1 - (np.arange(54) + 0.5) / 27)  # y/z of the rows
     depth = np.where(up < 0, 2 / np.where(up < 0, -up, 1), 0)[:, None] * np.ones(96)  # the ground, 2 below the eye
     buffer = warpopt.DepthBuffer(np.where(depth < 100, depth, 0))
@@ -311,9 +361,39 @@ def test_points_and_buffers_approach_the_limit_of_what_they_sample():
     assert warpopt.scene_limit(camera, light, warpopt.PointReceivers(np.zeros((0, 3)))) == 0
 
 
+def test_maps_over_receivers_attain_their_limits():
+    """Over V it is the frustum's own map; over points no other map that is linear within the bins has a lesser norm."""
+    camera, light = camera_and_light(60.0, seed=3)
+    own, best = warpopt.limit_map(PAPER, np.deg2rad(60.0)), warpopt.scene_limit_map(camera, light)
+    assert best.value == pytest.approx(own.value, rel=1e-12)
+    assert (best.start, best.mu, best.density) == pytest.approx((own.start, own.mu, own.density), rel=1e-12)
+    at = np.linspace(0, 1, 400)
+    np.testing.assert_allclose(best(at), own(at), atol=2e-3)  # both are polylines
+    rng = np.random.default_rng(8)
+    camera, light = camera_and_light(40.0)
+    z = rng.uniform(2, 60, 5000)
+    y = rng.uniform(-0.5, 0.5, 5000) * z
+    points = warpopt.PointReceivers(np.stack([0 * z, y, -z], 1))
+    d = z * np.sin(np.deg2rad(40.0)) + y * np.cos(np.deg2rad(40.0))
+    for norm, order in (("inf", np.inf), ("l2", 2.0)):
+        best = warpopt.scene_limit_map(camera, light, points, norm, bins=32)
+        assert best.value == warpopt.scene_limit(camera, light, points, "p", norm, bins=32)
+        delta = (d - best.start) / best.mu
+        piece = np.clip(np.searchsorted(best.delta, delta, side="right") - 1, 0, 31)
+        values = []
+        for k in range(20):
+            steps = np.diff(best.s) * (1 if k == 0 else np.exp(0.1 * rng.normal(size=32)))
+            slope = steps / steps.sum() / np.diff(best.delta)
+            error = best.density * best.mu / (z * slope[piece])
+            values.append(error.max() if norm == "inf" else np.mean(error**order) ** (1 / order))
+        assert values[0] == pytest.approx(best.value, rel=1e-10)
+        assert min(values[1:]) > best.value
+
+
 @pytest.mark.parametrize(
     ("call", "words"),
     [
+        (lambda c, light: warpopt.scene_limit_map(c, light, POINTS), "more than one"),
         (lambda c, light: warpopt.limit(PAPER, 1.0, "pxq"), "product of E_p and E_q"),
         (lambda c, light: warpopt.limit(PAPER, 1.0, "q", "l2"), "E_q in L_2"),
         (lambda c, light: warpopt.limit(PAPER, -1.0), "theta"),
@@ -321,7 +401,10 @@ def test_points_and_buffers_approach_the_limit_of_what_they_sample():
         (lambda c, light: warpopt.limit_map(PAPER, 1.0, knots=1), "knots"),
         (lambda c, light: warpopt.limit_map(PAPER, 0.0, measure="axis"), "more than one depth"),
         (lambda c, light: warpopt.scene_limit(c, light, None, "p", "l2"), "WholeFrustum with E_p in L_2"),
-        (lambda c, light: warpopt.scene_limit(c, light, POINTS, "q"), "PointReceivers with E_q"),
+        (lambda c, light: warpopt.scene_limit(c, light, HISTOGRAM, "p", "l1"), "DepthHistogram with E_p in L_1"),
+        (lambda c, light: warpopt.scene_limit(c, light, POINTS, "q", "l2"), "E_q in L_2"),
+        (lambda c, light: warpopt.scene_limit(c, light, "all"), "receivers: got"),
+        (lambda c, light: warpopt.scene_limit(c, light, POINTS, "max", "l2"), "E_q in L_2"),
         (lambda c, light: warpopt.scene_limit(c, light, None, "pxq"), "product"),
         (lambda c, light: warpopt.scene_limit(c, light, bins=0), "bins"),
     ],

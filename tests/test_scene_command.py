@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import tomllib
 from pathlib import Path
 
@@ -58,6 +59,14 @@ def test_the_worked_example_writes_what_the_library_computes(folder, capsys):
     )
     assert problem["eta"] == pytest.approx(float(solution.warp.eta), rel=1e-9)
     assert float(rows[1]["eta"]) == problem["eta"]
+    least = warpopt.scene_limit(
+        right_handed, light, receivers, "p", "inf", screen=(1920, 1080), shadow_map=(2048, 2048)
+    )
+    assert problem["limit"] == pytest.approx(least, rel=1e-9)
+    assert float(rows[1]["over_limit"]) == problem["over_limit"] == problem["value"] / problem["limit"]
+    report = (folder / "out/report.md").read_text()
+    assert re.search(r"The optimum's error is [\d.]+ to [\d.]+ times the limit", report)
+    assert "*Error at each pixel, light 0, E_p, norm inf" in report  # of the only camera
     matrix = warpopt.shadow_matrix(right_handed, light, solution.footprint, solution.warp, casters=scene.casters)
     np.testing.assert_allclose(problem["matrix"], matrix, rtol=1e-6, atol=1e-9)
     # Every caster is in the map's depth range or behind, none before it; all that is seen is inside the map.
@@ -96,6 +105,11 @@ def test_the_maps_worst_pixel_is_the_norm(folder, receivers, metric):
         assert np.nanmax(error) <= solved.row[key] * (1 + 1e-9)
         assert np.nanmax(error) > 0.9 * solved.row[key]
     assert solved.row["value"] <= solved.row["unwarped"]
+    if metric == "pxq":
+        assert solved.row["limit"] is None
+        assert solved.row["no_limit_because"].startswith("No limit is known for ")
+    else:
+        assert 1 / 1.08 < solved.row["over_limit"] < 20
 
 
 def test_the_maps_are_the_matrix_s_own_derivatives(folder):

@@ -28,6 +28,7 @@ _HOME = {
     "optimal_warp": "solve.optimal_warp",
     "Outcome": "solve.outcome",
     "scene_limit": "solve.scene_limit",
+    "scene_limit_map": "table.limit_map",
     "SceneSolution": "solve.scene_warp",
     "scene_error_norm": "solve.scene_warp",
     "scene_warp": "solve.scene_warp",
@@ -69,7 +70,7 @@ if TYPE_CHECKING:
     from .solve.scene_warp import SceneSolution, scene_error_norm, scene_warp
     from .table.build import build_table
     from .table.lambda_table import LambdaTable
-    from .table.limit_map import LimitMap, limit_map
+    from .table.limit_map import LimitMap, limit_map, scene_limit_map
     from .theory.aliasing import (
         aliasing_error,
         aliasing_error_uz,

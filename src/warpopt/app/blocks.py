@@ -10,6 +10,8 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 import warpopt
+from warpopt.solve.limit import unknown_limit
+from warpopt.theory.error_norm import ErrorNorm
 
 from .job import Job, View
 from .parts import Block
@@ -25,6 +27,9 @@ RULES: dict[str, Callable] = {
 }
 
 
+_OF_OBJECTIVE = ("eta", "lam_over_mu", "lam", "value", "result", "residual", "limit")
+
+
 def frustum_of(views: Sequence[View]) -> "warpopt.ViewFrustum":
     """The views as one frustum of shape (views, 1), against which directions broadcast."""
     near, far, half_fov_deg = np.array([dataclasses.astuple(v) for v in views], float).T[..., None]
@@ -35,8 +40,14 @@ def field_shapes(job: Job) -> dict[str, tuple[int, ...]]:
     """Leading shape of each array of a block, before (views, directions)."""
     rules, objectives = len(RULES), len(job.objectives)
     per_rule = {f"rule_{name}": (rules,) for name in ("eta", "lam_over_mu", "lam", "defined")}
-    per_objective = {name: (objectives,) for name in ("eta", "lam_over_mu", "lam", "value", "result", "residual")}
+    per_objective = {name: (objectives,) for name in _OF_OBJECTIVE}
     return {**per_rule, **per_objective, "ratio": (objectives, rules)}
+
+
+def no_limit_because(metric: str, norm: str | float) -> str | None:
+    """Why the results of an objective are no multiples of a limit, in words; None if they are."""
+    unknown = unknown_limit(ErrorNorm.of(metric, norm, "screen"))
+    return unknown and f"No limit is known for {unknown}."
 
 
 @jax.jit
@@ -76,12 +87,15 @@ class BlockSolver:
             metric, norm = objective
             solution, values = warpopt.compare_warps(frustum, theta, every, metric, norm, self._job.measure)
             value = np.asarray(solution.value)
+            known = not no_limit_because(metric, norm)
+            least = warpopt.limit(frustum, theta, metric, norm, self._job.measure) if known else np.nan
             progress(f"{metric} {norm}")
             found = {
                 "value": value,
                 "result": solution.result,
                 "residual": solution.residual,
                 "ratio": np.asarray(values) / value,
+                "limit": np.broadcast_to(np.asarray(least, value.dtype), value.shape),
             }
             return {**self._curves(solution.warp), **found}
 

@@ -3,7 +3,6 @@
 import csv
 import dataclasses
 import math
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,8 @@ from warpopt.compare.rule_set import KNOWN, RuleError
 from .compare_config import CompareConfig, SceneCompareConfig
 from .compare_report import compare_report, rule_title
 from .config import ConfigError
-from .record import environment, progress_bar, write_json, write_mark
+from .job import objectives
+from .record import environment, outcome_counts, progress_bar, timed, write_json, write_mark
 from .scene_input import SceneInput
 from .scene_solve import camera_of, receivers_of
 from .single import finite_or_none
@@ -81,26 +81,25 @@ def run_compare(
     count = len(objective.metrics) * len(objective.norms) * (1 if scene is None else len(scene.cameras))
     with whole_folder(config.output.directory) as folder, progress_bar(console, count + 1) as progress:
         timings = {}
-        start = time.perf_counter()
         try:
-            compared = _frustum(config, rules, progress) if scene is None else _scene(config, scene, rules, progress)
+            with timed(timings, "solve_s"):
+                compared = (
+                    _frustum(config, rules, progress) if scene is None else _scene(config, scene, rules, progress)
+                )
         except RuleError as error:
             raise ConfigError(str(error)) from error
-        timings["solve_s"] = time.perf_counter() - start
-        start = time.perf_counter()
-        figures = []
-        if config.output.figures and compared:
-            # Imported here: matplotlib's first import on a machine looks through all its fonts.
-            from .compare_figures import write_compare_figures
+        with timed(timings, "figures_s"):
+            figures = []
+            if config.output.figures and compared:
+                # Imported here: matplotlib's first import on a machine looks through all its fonts.
+                from .compare_figures import write_compare_figures
 
-            figures = write_compare_figures(compared, folder)
-            progress("figures")
-        timings["figures_s"] = time.perf_counter() - start
+                figures = write_compare_figures(compared, folder)
+                progress("figures")
         write_compare_table(compared, folder / "compare.csv")
         write_json(folder / "compare.json", compare_record(config, compared, scene))
         (folder / "report.md").write_text(compare_report(config, compared, figures), encoding="utf-8")
-        results = [np.asarray(c.result.solution.result) for c in compared]
-        outcomes = {o.name: n for o in warpopt.Outcome if (n := sum(int((r == o).sum()) for r in results))}
+        outcomes = outcome_counts([np.asarray(c.result.solution.result) for c in compared])
         write_mark(folder, environment(config, jax.numpy.zeros(0).dtype, timings) | {"outcomes": outcomes})
     failures = sum(int(c.result.failed.sum()) for c in compared)
     _summarise(console, config.output.directory, compared, failures)
@@ -112,11 +111,10 @@ def _frustum(config: CompareConfig, rules: dict[str, Callable], progress: Callab
     frustum = warpopt.ViewFrustum(view.near, view.far, math.radians(view.half_fov_deg))
     theta = np.deg2rad(config.light.values())
     compared = []
-    for metric in objective.metrics:
-        for norm in objective.norms:
-            result = warpopt.compare_rules(frustum, theta, rules, metric, norm, objective.measure)
-            compared.append(Compared(metric, str(norm), None, result))
-            progress(compared[-1].title)
+    for metric, norm in objectives(objective.metrics, objective.norms):
+        result = warpopt.compare_rules(frustum, theta, rules, metric, norm, objective.measure)
+        compared.append(Compared(metric, str(norm), None, result))
+        progress(compared[-1].title)
     return compared
 
 
@@ -128,15 +126,14 @@ def _scene(
     objective = config.objective
     lights = jax.vmap(warpopt.DirectionalLight)(np.array(scene.lights, float))
     compared = []
-    for metric in objective.metrics:
-        for norm in objective.norms:
-            for i, camera in enumerate(scene.cameras):
-                result = warpopt.compare_scene_rules(
-                    camera_of(camera), lights, receivers_of(config, scene, i), rules, metric, norm,
-                    screen=objective.screen, shadow_map=objective.shadow_map, min_eta=objective.min_eta,
-                )  # fmt: skip
-                compared.append(Compared(metric, str(norm), i, result))
-                progress(compared[-1].title)
+    for metric, norm in objectives(objective.metrics, objective.norms):
+        for i, camera in enumerate(scene.cameras):
+            result = warpopt.compare_scene_rules(
+                camera_of(camera), lights, receivers_of(config, scene, i), rules, metric, norm,
+                screen=objective.screen, shadow_map=objective.shadow_map, min_eta=objective.min_eta,
+            )  # fmt: skip
+            compared.append(Compared(metric, str(norm), i, result))
+            progress(compared[-1].title)
     return compared
 
 

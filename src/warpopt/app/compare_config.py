@@ -18,6 +18,7 @@ from .config import (
     Distinct,
     LightConfig,
     ObjectiveConfig,
+    OneView,
     OutputConfig,
     Section,
     listed,
@@ -25,7 +26,6 @@ from .config import (
     validated,
 )
 from .scene_config import SceneConfig
-from .table_config import TableView
 
 RuleName = Literal[
     "ssm", "psm", "lispsm", "tsm", "tsm_alternative", "minimum_norm", "scherzer", "lispsm_paper", "filament",
@@ -76,7 +76,7 @@ class CompareLight(LightConfig):
 class CompareConfig(Section):
     """Rules over a view frustum: `warpopt compare`."""
 
-    view: TableView
+    view: OneView
     light: CompareLight
     rules: RulesConfig = RulesConfig()
     objective: ObjectiveConfig = ObjectiveConfig()
@@ -98,6 +98,12 @@ def read_compare_config(path: Path, overrides: list[str]) -> CompareConfig | Sce
     """
     data = read_data(path, overrides)
     scene = bool({"camera", "receivers"} & set(data))
+    if scene and "view" in data:
+        beside = " and ".join(f"[{name}]" for name in ("camera", "receivers") if name in data)
+        raise ConfigError(
+            f"{path}: got [view] beside {beside}, expected a view frustum ([view], as in configs/compare.toml) or a "
+            "scene ([camera] and [receivers], as in configs/compare_landscape.toml)"
+        )
     return validated(SceneCompareConfig if scene else CompareConfig, data, str(path))
 
 

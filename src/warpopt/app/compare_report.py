@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .compare_config import CompareConfig, SceneCompareConfig
-from .report import TITLES
+from .report import TITLES, markdown_table
 
 if TYPE_CHECKING:
     from .compare import Compared
@@ -87,9 +87,8 @@ def _opening(config: CompareConfig | SceneCompareConfig) -> str:
             f"norms over the measure `{config.objective.measure}`."
         )
     else:
-        kind = next(n for n in type(config.receivers).model_fields if getattr(config.receivers, n) is not None)
         over = (
-            f"The receivers of a scene ({kind.replace('_', ' ')}). Rules are applied as engines apply them, to the "
+            f"The receivers of a scene ({config.receivers.kind}). Rules are applied as engines apply them, to the "
             "receivers' own eye depths and their extent along the warp; your own rules and TSM's alternative, which "
             "are made for the whole frustum, keep the apex that they have there: lambda over the receivers is lambda "
             "+ (where the receivers begin) - (where the frustum begins). Of points and depth buffers the limit is "
@@ -161,7 +160,7 @@ def _table(c: "Compared") -> str:
     r = c.result
     ranking = r.ranking()
     heads = ["", "rule", "mean", "worst", "at", "worst over the limit", "worse than no warp", "no warp", "undefined"]
-    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    rows = []
     rest = sorted((n for n in r.names if n not in ranking), key=lambda n: np.nan_to_num(r.mean(n), nan=np.inf))
     for place, name in [*enumerate(ranking, 1), *(("", name) for name in rest)]:
         worst, at = r.worst(name)
@@ -171,8 +170,8 @@ def _table(c: "Compared") -> str:
             over = "" if r.over_limit is None else f"{_largest(r.over_limit[r.names.index(name)]):.3g}"
             numbers = [f"{r.mean(name):.3g}", f"{worst:.3g}", place_text(c, at), over]
         where = [where_text(c, kind, name) for kind in ("worse", "no_warp", "undefined")]
-        lines.append("| " + " | ".join(map(str, [place, rule_title(name), *numbers, *where])) + " |")
-    return "\n".join(lines) + "\n"
+        rows.append([str(place), rule_title(name), *numbers, *where])
+    return markdown_table(heads, rows)
 
 
 def _largest(values: np.ndarray) -> float:

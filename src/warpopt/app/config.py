@@ -71,25 +71,32 @@ def _distinct(values: list) -> list:
 Distinct = pydantic.AfterValidator(_distinct)
 
 
-def beyond(far: list[float], info: pydantic.ValidationInfo) -> list[float]:
-    """Far planes, if they all are beyond the near plane that was read before them."""
-    near = info.data.get("near")
-    if near is not None and not all(value > near for value in far):
-        raise ValueError(f"expected more than near = {near}")
-    return far
+class NearFar(Section):
+    """What has a near plane, and far planes beyond it: one, several or none."""
+
+    @pydantic.field_validator("far", check_fields=False)
+    @classmethod
+    def _beyond_near(cls, far: Any, info: pydantic.ValidationInfo) -> Any:
+        near = info.data.get("near")
+        if near is not None and not all(value is None or value > near for value in listed(far)):
+            raise ValueError(f"expected more than near = {near}")
+        return far
 
 
-class ViewConfig(Section):
+class ViewConfig(NearFar):
     """View frusta: every combination of the listed values."""
 
     near: Positive = 1.0
     far: Annotated[list[Positive], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct]
     half_fov_deg: Annotated[list[HalfFovDeg], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct]
 
-    @pydantic.field_validator("far")
-    @classmethod
-    def _beyond_near(cls, far: list[float], info: pydantic.ValidationInfo) -> list[float]:
-        return beyond(far, info)
+
+class OneView(NearFar):
+    """One view frustum."""
+
+    near: Positive = 1.0
+    far: Positive
+    half_fov_deg: HalfFovDeg
 
 
 class LightConfig(Section):
@@ -166,21 +173,18 @@ class RunConfig(Section):
     compute: ComputeConfig = ComputeConfig()
 
 
-class Problem(Section):
-    """One view, one light direction, one objective: `warpopt solve` and `warpopt rules`."""
+class OneObjective(Section):
+    """One metric in one norm over one measure."""
 
-    near: Positive
-    far: Positive
-    half_fov_deg: HalfFovDeg
-    theta_deg: ThetaDeg
     metric: Metric = "p"
     norm: Norm = "inf"
     measure: Measure = "screen"
 
-    @pydantic.field_validator("far")
-    @classmethod
-    def _beyond_near(cls, far: float, info: pydantic.ValidationInfo) -> float:
-        return beyond([far], info)[0]
+
+class Problem(OneObjective, OneView):
+    """One view, one light direction, one objective: `warpopt solve` and `warpopt rules`."""
+
+    theta_deg: ThetaDeg
 
 
 def validated(model: type[pydantic.BaseModel], data: dict[str, Any], source: str) -> Any:

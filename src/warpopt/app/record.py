@@ -4,14 +4,18 @@ import contextlib
 import importlib.metadata
 import json
 import platform
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 from pydantic import BaseModel
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+import warpopt
 
 from .writing import MARK
 
@@ -39,6 +43,20 @@ def environment(config: BaseModel, dtype: Any, timings: dict[str, float], others
         "device": jax.devices()[0].platform,
         "timings": {key: round(value, 3) for key, value in timings.items()},
     }
+
+
+@contextlib.contextmanager
+def timed(timings: dict[str, float], name: str) -> Iterator[None]:
+    """Note how many seconds the block took."""
+    start = time.perf_counter()
+    yield
+    timings[name] = time.perf_counter() - start
+
+
+def outcome_counts(results: Any) -> dict[str, int]:
+    """How many of each outcome there are, by name."""
+    values, counts = np.unique(np.asarray(results, int), return_counts=True)
+    return {warpopt.Outcome(v).name: n for v, n in zip(values.tolist(), counts.tolist(), strict=True)}
 
 
 def write_json(path: Path, data: Any) -> None:

@@ -33,6 +33,7 @@ class Finding:
     worst: dict[str, tuple[float, float]]  # rule: (largest ratio where the rule is defined, theta_deg); NaN if nowhere
     everywhere: frozenset[str]  # the rules that are defined for every direction of the table
     harmful: dict[str, str]  # rule: the directions where it is worse than no warp, as ranges
+    over_limit: tuple[float, float] | None  # least and largest error of the optimum as a multiple of the limit
     failures: int
 
 
@@ -77,8 +78,31 @@ def _finding(sweep: Sweep, i: int, optimum: OptimumCurves, order: np.ndarray) ->
         worst,
         frozenset(name for name in RULES if sweep.rules[name].defined[i].all()),
         harmful,
+        least_and_largest(optimum.over_limit[i]),
         int((result > warpopt.Outcome.no_warp).sum()),
     )
+
+
+def least_and_largest(values: np.ndarray) -> tuple[float, float] | None:
+    """Of the finite ones; None if there are none."""
+    finite = values[np.isfinite(values)]
+    return (float(finite.min()), float(finite.max())) if len(finite) else None
+
+
+def limit_sentence(over_limit: tuple[float, float] | None) -> str:
+    """How far the optimum is from the limit; empty where there is none."""
+    if over_limit is None:
+        return ""
+    low, high = (f"{value:.3g}" for value in over_limit)
+    if low == high == "1":
+        return "The optimum attains the limit."
+    return f"The optimum's error is {low if low == high else f'{low} to {high}'} times the limit."
+
+
+def markdown_table(heads: list[str], rows: list[list[str]]) -> str:
+    """A table in Markdown."""
+    lines = ["| " + " | ".join(cells) + " |\n" for cells in (heads, *rows)]
+    return "".join([lines[0], "|" + "---|" * len(heads) + "\n", *lines[1:]])
 
 
 def _paragraph(finding: Finding) -> str:
@@ -91,14 +115,16 @@ def _paragraph(finding: Finding) -> str:
         if f.no_warp == "none"
         else f"No warp is optimal for theta = {f.no_warp}; a warp helps for the others."
     )
-    lines += ["", "| rule | worst error / optimum | at theta | worse than no warp for theta |", "|---|---|---|---|"]
+    lines += filter(None, [limit_sentence(f.over_limit)])
+    rows = []
     for name, (ratio, theta) in f.worst.items():
         if np.isnan(ratio):
-            lines.append(f"| {TITLES[name]} | gives no lambda > 0 here | | |")
+            rows.append([TITLES[name], "gives no lambda > 0 here", "", ""])
         else:
             harm = f.harmful[name] or ("" if name == "ssm" else "nowhere")
-            lines.append(f"| {TITLES[name]} | {ratio:.4g} | {theta:g} deg | {harm} |")
-    return "\n".join(lines) + "\n"
+            rows.append([TITLES[name], f"{ratio:.4g}", f"{theta:g} deg", harm])
+    heads = ["rule", "worst error / optimum", "at theta", "worse than no warp for theta"]
+    return "\n".join([*lines, "", markdown_table(heads, rows)])
 
 
 def _counted(count: int, noun: str) -> str:
@@ -121,6 +147,12 @@ def _closest(found: list[Finding]) -> str:
     return "\n".join(words) + "\n"
 
 
+def _without_limit(sweep: Sweep) -> str:
+    """In words, once: the objectives that have no limit."""
+    without = [f"E_{o.metric} in norm {o.norm}" for o in sweep.optima if o.no_limit_because]
+    return f"None is known, and the columns hold nan, for {', '.join(without)}." if without else ""
+
+
 def report(config: RunConfig, sweep: Sweep, found: list[Finding], figures: list[tuple[str, str]]) -> str:
     """The report as Markdown."""
     n_directions, n_views = len(sweep.theta_deg), len(sweep.views)
@@ -133,12 +165,14 @@ def report(config: RunConfig, sweep: Sweep, found: list[Finding], figures: list[
         if failures
         else "Every optimum is a global minimum: its stationarity condition changes sign once, or it is a tie or a "
         "kink with the right signs on both sides.\n",
-        "`table.csv` and `table.npz` hold eta, lambda / mu, lambda and the minimal norm for each direction, and after "
-        "them each rule's norm as a multiple of the minimum; `run.json` has configuration, versions and outcomes. "
-        "lambda is the near-plane distance of the warping frustum (inf: no warp), mu its depth range, and "
-        "eta = lambda / (lambda + mu).\n",
+        "`table.csv` and `table.npz` hold eta, lambda / mu, lambda, the minimal norm, the limit and the norm over it "
+        "for each direction, then each rule's norm as a multiple of the minimum; `run.json` has configuration, "
+        "versions and outcomes. lambda is the near-plane distance of the warping frustum (inf: no warp), mu its depth "
+        "range, and eta = lambda / (lambda + mu).\n",
         "A ratio counts where its rule is defined; where a rule gives no lambda > 0, the table has no warp in its "
         "place.\n",
+        "The limit is what the best monotone map of the depth would reach, perspective or not: no map can be better. "
+        f"{_without_limit(sweep)}\n",
     ]
     if figures:
         parts.append("## Figures\n")

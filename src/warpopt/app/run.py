@@ -2,7 +2,6 @@
 
 import concurrent.futures
 import csv
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from .blocks import RULES, field_shapes
 from .config import RunConfig
 from .job import Job, job_of
 from .parts import Parts, folder_of
-from .record import environment, progress_bar, write_mark
+from .record import environment, outcome_counts, progress_bar, timed, write_mark
 from .report import TITLES, Finding, findings, report
 from .single import finite_or_none
 from .sweep import OptimumCurves, Sweep, sweep_of
@@ -47,17 +46,15 @@ def run(config: RunConfig, console: Console | None = None) -> int:
     timings: dict[str, float] = {}
     steps = (1 + len(job.objectives)) * job.tiling.count + 4 * config.output.figures
     with whole_folder(config.output.directory) as folder, progress_bar(console, steps) as progress:
-        start = time.perf_counter()
         with concurrent.futures.ThreadPoolExecutor(1) as pool:
             drawing = config.output.figures and pool.submit(_view_figures, job, folder, progress)
-            sweep = sweep_of(job, parts, progress, all_there=several)
-            timings["solve_s"] = time.perf_counter() - start
+            with timed(timings, "solve_s"):
+                sweep = sweep_of(job, parts, progress, all_there=several)
             drawn = drawing.result() if drawing else {}
         write_table(sweep, folder / "table.csv")
         write_arrays(sweep, folder / "table.npz")
-        start = time.perf_counter()
-        figures = _sweep_figures(sweep, folder, progress, drawn) if config.output.figures else []
-        timings["figures_s"] = time.perf_counter() - start
+        with timed(timings, "figures_s"):
+            figures = _sweep_figures(sweep, folder, progress, drawn) if config.output.figures else []
         found = findings(sweep)
         (folder / "report.md").write_text(report(config, sweep, found, figures), encoding="utf-8")
         write_mark(folder, run_record(config, sweep, timings))
@@ -92,15 +89,14 @@ def write_table(sweep: Sweep, path: Path) -> None:
     head = ["theta_deg", "near", "far", "half_fov_deg", "metric", "norm", "measure", "eta", "lambda_over_mu", "lambda"]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow([*head, "value", *RULES])
+        writer.writerow([*head, "value", "limit", "over_limit", *RULES])
         for i, view in enumerate(sweep.views):
             for o in sweep.optima:
-                arrays = (o.eta, o.lam_over_mu, o.lam, o.value, *(o.ratios[name] for name in RULES))
+                arrays = (o.eta, o.lam_over_mu, o.lam, o.value, o.limit, o.over_limit, *o.ratios.values())
                 columns = zip(*(a[i].tolist() for a in arrays), strict=True)
                 for theta, row in zip(sweep.theta_deg.tolist(), columns, strict=True):
-                    eta, lam_over_mu, lam, *rest = row
                     place = (theta, view.near, view.far, view.half_fov_deg, o.metric, o.norm, sweep.measure)
-                    writer.writerow([*place, eta, lam_over_mu, lam, *rest])
+                    writer.writerow([*place, *row])
 
 
 def write_arrays(sweep: Sweep, path: Path) -> None:
@@ -122,6 +118,8 @@ def write_arrays(sweep: Sweep, path: Path) -> None:
         lambda_over_mu=stacked("lam_over_mu"),
         **{"lambda": stacked("lam")},
         value=stacked("value"),
+        limit=stacked("limit"),
+        over_limit=stacked("over_limit"),
         outcome=stacked("result"),
         residual=stacked("residual"),
         rule=np.array(list(RULES)),
@@ -137,11 +135,8 @@ def run_record(config: RunConfig, sweep: Sweep, timings: dict[str, float]) -> di
                 "metric": o.metric,
                 "norm": o.norm,
                 "measure": sweep.measure,
-                "outcomes": {
-                    outcome.name: count
-                    for outcome in warpopt.Outcome
-                    if (count := int((o.result[: len(sweep.views)] == outcome).sum()))
-                },
+                "outcomes": outcome_counts(o.result[: len(sweep.views)]),
+                "no_limit_because": o.no_limit_because,
                 "largest_residual": finite_or_none(o.residual[: len(sweep.views)].max()),
                 "tables": [_json_table(sweep, o, i) for i in range(len(sweep.views))],
             }
@@ -151,7 +146,7 @@ def run_record(config: RunConfig, sweep: Sweep, timings: dict[str, float]) -> di
 
 
 def _json_table(sweep: Sweep, optimum: OptimumCurves, i: int) -> dict[str, Any]:
-    view = sweep.views[i]
+    view, over_limit = sweep.views[i], optimum.over_limit[i]
     return {
         "near": view.near,
         "far": view.far,
@@ -164,6 +159,8 @@ def _json_table(sweep: Sweep, optimum: OptimumCurves, i: int) -> dict[str, Any]:
                 "lambda": finite_or_none(optimum.lam[i, j]),
                 "no_warp": bool(np.isinf(optimum.lam[i, j])),
                 "value": finite_or_none(optimum.value[i, j]),
+                "limit": finite_or_none(optimum.limit[i, j]),
+                "over_limit": finite_or_none(over_limit[j]),
                 "outcome": warpopt.Outcome(int(optimum.result[i, j])).name,
             }
             for j in range(len(sweep.theta_deg))

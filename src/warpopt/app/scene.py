@@ -2,7 +2,6 @@
 
 import csv
 import dataclasses
-import time
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +9,7 @@ import jax
 from rich.console import Console
 from rich.table import Table
 
-import warpopt
-
-from .record import environment, progress_bar, write_json, write_mark
+from .record import environment, outcome_counts, progress_bar, timed, write_json, write_mark
 from .scene_config import SceneConfig
 from .scene_input import SceneInput
 from .scene_report import scene_report, short
@@ -21,7 +18,7 @@ from .writing import whole_folder
 
 _COLUMNS = (
     "camera", "light", "x", "y", "z", "theta_deg", "metric", "norm", "eta", "lambda", "lambda_over_mu", "mu", "value",
-    "unwarped", "margin", "excess", "outcome",
+    "unwarped", "limit", "over_limit", "margin", "excess", "outcome",
 )  # fmt: skip
 _SHOWN = {
     "camera": "camera",
@@ -48,18 +45,16 @@ def run_scene(config: SceneConfig, scene: SceneInput, console: Console | None = 
     count = len(scene.cameras) * len(scene.lights) * len(objective.metrics) * len(objective.norms)
     with whole_folder(config.output.directory) as folder, progress_bar(console, count) as progress:
         timings = {}
-        start = time.perf_counter()
-        solved = solve_scene(config, scene, progress)
-        timings["solve_s"] = time.perf_counter() - start
-        start = time.perf_counter()
-        figures = _figures(config, scene, solved, folder) if config.output.figures and solved else []
-        timings["figures_s"] = time.perf_counter() - start
+        with timed(timings, "solve_s"):
+            solved = solve_scene(config, scene, progress)
+        with timed(timings, "figures_s"):
+            figures = _figures(config, scene, solved, folder) if config.output.figures and solved else []
         write_json(folder / "scene.json", _scene_record(config, scene, solved))
         write_scene_table(solved, folder / "table.csv")
         (folder / "report.md").write_text(scene_report(config, scene, solved, figures), encoding="utf-8")
         readers = (("trimesh", config.receivers.gltf), ("OpenEXR", _exr(config)))
         used = tuple(name for name, asked in readers if asked)
-        outcomes = {o.name: n for o in warpopt.Outcome if (n := sum(s.outcome is o for s in solved))}
+        outcomes = outcome_counts([s.outcome for s in solved])
         dtype = jax.numpy.zeros(0).dtype
         write_mark(folder, environment(config, dtype, timings, used) | {"outcomes": outcomes})
     failures = sum(not s.outcome.succeeded for s in solved)

@@ -9,7 +9,7 @@ import pydantic
 from pydantic import Field
 
 from ..scene_files.scene_camera import SceneCamera, centred_window, orientation
-from .config import Distinct, HalfFovDeg, Measure, Norm, Positive, Section, beyond, listed
+from .config import Distinct, HalfFovDeg, Measure, NearFar, Norm, Positive, Section, listed
 
 _RIGID = 1e-4  # entries with four digits after the point still make a matrix that is meant as a rotation
 
@@ -62,7 +62,7 @@ def _view_matrix(value: Any) -> Any:
     return value
 
 
-class CameraConfig(Section):
+class CameraConfig(NearFar):
     """A camera: position, forward or target, and up; or a view_matrix."""
 
     position: Vector | None = None
@@ -82,11 +82,6 @@ class CameraConfig(Section):
     """Width over height; that of objective.screen, or 1, if not given."""
     window: tuple[float, float, float, float] | None = None
     """Slopes (left, right, bottom, top) of the side planes, in the place of half_fov_deg and aspect."""
-
-    @pydantic.field_validator("far")
-    @classmethod
-    def _beyond_near(cls, far: float, info: pydantic.ValidationInfo) -> float:
-        return beyond([far], info)[0]
 
     @pydantic.model_validator(mode="after")
     def _complete(self) -> "CameraConfig":
@@ -279,8 +274,13 @@ class ReceiverConfig(Section):
 
     @pydantic.model_validator(mode="after")
     def _one(self) -> "ReceiverConfig":
-        _exactly_one(self, ("whole_frustum", "box", "planes", "depth", "gltf", "landscape"))
+        _exactly_one(self, tuple(type(self).model_fields))
         return self
+
+    @property
+    def kind(self) -> str:
+        """Which, in words."""
+        return next(name for name in type(self).model_fields if getattr(self, name) is not None).replace("_", " ")
 
 
 _BLEND_DEGREE = {"p": 2, "q": 1, "pxq": 3}

@@ -2,8 +2,12 @@
 
 from typing import Any
 
+import numpy as np
+
 import warpopt
 
+from .job import objectives
+from .report import least_and_largest, limit_sentence, markdown_table
 from .scene_config import SceneConfig
 from .scene_input import SceneInput
 from .scene_solve import Solved
@@ -15,6 +19,7 @@ _HEADS = {
     "lambda_over_mu": "lambda / mu",
     "value": "error",
     "unwarped": "without warp",
+    "over_limit": "error / limit",
     "margin": "margin",
     "outcome": "outcome",
 }
@@ -42,21 +47,23 @@ def scene_report(config: SceneConfig, scene: SceneInput, solved: list[Solved], f
     if figures:
         parts.append("## Figures\n")
         parts += [f"![{stem}]({stem}.png)\n\n*{caption}*\n" for stem, caption in figures]
-    for metric in config.objective.metrics:
-        for norm in config.objective.norms:
-            mine = [s for s in solved if (s.metric, s.norm) == (metric, str(norm))]
-            if mine:
-                parts.append(f"## E_{metric}, norm {norm}\n")
-                parts.append(_gain(mine))
-                parts.append(_table(mine))
+    for metric, norm in objectives(config.objective.metrics, config.objective.norms):
+        mine = [s for s in solved if (s.metric, s.norm) == (metric, str(norm))]
+        if mine:
+            rows = [[short(s.row, name) for name in _HEADS] for s in mine]
+            parts += [
+                f"## E_{metric}, norm {norm}\n",
+                _gain(mine),
+                _limit(mine),
+                markdown_table(list(_HEADS.values()), rows),
+            ]
     return "\n".join(parts)
 
 
 def _opening(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> str:
-    kind = next(name for name in type(config.receivers).model_fields if getattr(config.receivers, name) is not None)
     below = sum(step.light is None for step in scene.steps)
     lines = [
-        f"Receivers: {kind.replace('_', ' ')}. {len(scene.camera_of)} camera(s), {len(scene.cameras)} distinct; "
+        f"Receivers: {config.receivers.kind}. {len(scene.camera_of)} camera(s), {len(scene.cameras)} distinct; "
         f"{len(scene.steps)} step(s) of the light, {len(scene.lights)} distinct direction(s)."
     ]
     if below:
@@ -66,6 +73,10 @@ def _opening(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> st
         "lambda is the near-plane distance of the warping frustum (inf: no warp), mu its depth range. The margin is "
         "d log(error) / d log(eta) just below eta = 1: a warp helps where it is positive, and that is known before "
         f"anything is solved. Errors are {units}."
+    )
+    lines.append(
+        "The limit is what the best monotone map of the depth would reach, perspective or not. Of depth buffers it is "
+        "that of maps that are linear within each of 256 depths, below which a warp may be by up to 8 %."
     )
     lines.append("`scene.json` has the matrices, `table.csv` all numbers, `run.json` configuration and versions.")
     return "\n".join(lines) + "\n"
@@ -81,7 +92,7 @@ def _gain(mine: list[Solved]) -> str:
     return words + (f" No warp is optimal in {useless} problem(s).\n" if useless else "\n")
 
 
-def _table(mine: list[Solved]) -> str:
-    lines = ["| " + " | ".join(_HEADS.values()) + " |", "|" + "---|" * len(_HEADS)]
-    lines += ["| " + " | ".join(short(s.row, name) for name in _HEADS) + " |" for s in mine]
-    return "\n".join(lines) + "\n"
+def _limit(mine: list[Solved]) -> str:
+    over_limit = np.array([s.row["over_limit"] for s in mine], float)
+    reasons = dict.fromkeys(s.row["no_limit_because"] for s in mine if s.row["no_limit_because"])
+    return " ".join(filter(None, [limit_sentence(least_and_largest(over_limit)), *reasons])) + "\n"

@@ -10,6 +10,8 @@ import numpy as np
 import warpopt
 
 from ..scene_files.scene_camera import SceneCamera
+from .blocks import no_limit_because
+from .job import objectives
 from .scene_config import SceneConfig
 from .scene_input import SceneInput
 from .single import finite_or_none
@@ -27,6 +29,7 @@ class Solved:
         row: what the files say of it: finite numbers, text and None.
         outcome: how the solve ended.
         mapping: what its errors depend on, for pictures.
+        alone: whether the scene has no other camera.
     """
 
     camera: int
@@ -36,10 +39,12 @@ class Solved:
     row: dict[str, Any]
     outcome: "warpopt.Outcome"
     mapping: "Mapping"
+    alone: bool
 
     @property
     def title(self) -> str:
-        return f"camera {self.camera}, light {self.light}, E_{self.metric}, norm {self.norm}"
+        camera = "" if self.alone else f"camera {self.camera}, "
+        return f"{camera}light {self.light}, E_{self.metric}, norm {self.norm}"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -75,15 +80,16 @@ def solve_scene(config: SceneConfig, scene: SceneInput, progress: Callable[[str]
     lights = jax.vmap(warpopt.DirectionalLight)(np.array(scene.lights, float))
     casters = None if scene.casters is None else jax.numpy.asarray(scene.casters)  # once on the device
     solved = []
-    for metric in config.objective.metrics:
-        for norm in config.objective.norms:
-            over_lights = _over_lights(config, metric, norm)
-            for i, camera in enumerate(cameras):
-                found = jax.device_get(over_lights(camera, lights, receivers[i], casters))
-                for k in range(len(scene.lights)):
-                    one = jax.tree.map(lambda v, k=k: v[k], found)
-                    solved.append(_solved(one, (i, k), list(scene.lights[k]), metric, str(norm)))
-                    progress(solved[-1].title)
+    for metric, norm in objectives(config.objective.metrics, config.objective.norms):
+        over_lights = _over_lights(config, metric, norm)
+        for i, camera in enumerate(cameras):
+            found = jax.device_get(over_lights(camera, lights, receivers[i], casters))
+            for k, direction in enumerate(scene.lights):
+                one = jax.tree.map(lambda v, k=k: v[k], found)
+                problem = _solved(one, (i, k), list(direction), metric, str(norm), len(cameras) == 1)
+                problem.row.update(_limit(config, camera, direction, receivers[i], metric, norm, problem.row["value"]))
+                solved.append(problem)
+                progress(problem.title)
     return solved
 
 
@@ -161,7 +167,31 @@ def receivers_of(config: SceneConfig, scene: SceneInput, i: int):
     return warpopt.WholeFrustum(asked.whole_frustum.measure)
 
 
-def _solved(found: _Found, place: tuple[int, int], direction: list[float], metric: str, norm: str) -> Solved:
+def no_scene_limit_because(metric: str, norm: str | float, receivers: Any) -> str | None:
+    """Why an objective's results are no multiples of a limit, in words; None if they are."""
+    if metric == "max":  # in L-inf alone
+        return None
+    known = norm == "inf" or isinstance(receivers, warpopt.DepthBuffer)
+    return no_limit_because(metric, norm) or (None if known else "No limit is known for an L_P norm over a body.")
+
+
+def _limit(config: SceneConfig, camera, direction, receivers, metric: str, norm: str | float, value) -> dict[str, Any]:
+    """The part of a problem's row about the limit."""
+    reason = no_scene_limit_because(metric, norm, receivers)
+    least = None
+    if reason is None:
+        least = warpopt.scene_limit(
+            camera, warpopt.DirectionalLight(direction), receivers, metric, norm,
+            screen=config.objective.screen, shadow_map=config.objective.shadow_map,
+        )  # fmt: skip
+        reason = None if least > 0 else "There are no receivers, or all are at one depth: the limit is 0."
+    over_limit = value / least if least and value is not None else None
+    return {"limit": least, "over_limit": over_limit, "no_limit_because": reason}
+
+
+def _solved(
+    found: _Found, place: tuple[int, int], direction: list[float], metric: str, norm: str, alone: bool
+) -> Solved:
     solution, matrix = found.solution, found.matrix
     frame, footprint = solution.frame, solution.footprint
     outcome = warpopt.Outcome(int(solution.result))
@@ -200,4 +230,4 @@ def _solved(found: _Found, place: tuple[int, int], direction: list[float], metri
         "matrix": matrix.tolist() if usable else None,
         "no_matrix_because": reason,
     }
-    return Solved(*place, metric, norm, row, outcome, mapping)
+    return Solved(*place, metric, norm, row, outcome, mapping, alone)

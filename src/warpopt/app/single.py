@@ -2,6 +2,8 @@
 
 import json
 import math
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import rich
@@ -10,9 +12,10 @@ from rich.table import Table
 import warpopt
 
 from .blocks import RULES
-from .config import Problem
+from .config import ConfigError, Problem
 from .job import View
 from .sweep import OptimumCurves, Sweep, compute_sweep
+from .writing import whole_files
 
 
 def finite_or_none(value: float) -> float | None:
@@ -36,10 +39,19 @@ def _optimum(problem: Problem, optimum: OptimumCurves) -> dict[str, Any]:
         "lambda": finite_or_none(lam),
         "no_warp": math.isinf(lam),
         "value": finite_or_none(optimum.value[0, 0]),
+        "limit": finite_or_none(optimum.limit[0, 0]),
+        "over_limit": finite_or_none(optimum.over_limit[0, 0]),
+        "no_limit_because": _no_limit_because(optimum),
         "outcome": outcome.name,
         "outcome_sentence": outcome.sentence,
         "residual": finite_or_none(optimum.residual[0, 0]),
     }
+
+
+def _no_limit_because(optimum: OptimumCurves) -> str | None:
+    if optimum.no_limit_because or optimum.limit[0, 0] > 0:
+        return optimum.no_limit_because
+    return "All receivers are at one depth: the limit is 0." if optimum.limit[0, 0] == 0 else "The limit is not finite."
 
 
 def _shown(value: Any, no_warp: bool = False) -> str:
@@ -57,8 +69,12 @@ def solve(problem: Problem, as_json: bool) -> int:
         table = Table(
             show_header=False, title=f"Optimal warp, {problem.metric} in {problem.norm} over {problem.measure}"
         )
-        for key in ("eta", "lambda_over_mu", "lambda", "value", "outcome_sentence"):
-            table.add_row(key.replace("outcome_sentence", "outcome"), _shown(answer[key], answer["no_warp"]))
+        for key in ("eta", "lambda_over_mu", "lambda", "value"):
+            table.add_row(key, _shown(answer[key], answer["no_warp"]))
+        table.add_row("limit", answer["no_limit_because"] or _shown(answer["limit"]))
+        if answer["over_limit"] is not None:
+            table.add_row("value / limit", _shown(answer["over_limit"]))
+        table.add_row("outcome", answer["outcome_sentence"])
         rich.print(table)
     return 0 if warpopt.Outcome[answer["outcome"]].succeeded else 1
 
@@ -74,6 +90,7 @@ def rules(problem: Problem, as_json: bool) -> int:
             "no_warp": bool(math.isinf(sweep.rules[name].lam[0, 0])),
             "defined": bool(sweep.rules[name].defined[0, 0]),
             "ratio": finite_or_none(optimum.ratios[name][0, 0]),
+            "over_limit": finite_or_none(optimum.ratios[name][0, 0] * optimum.over_limit[0, 0]),
         }
         for name in RULES
     }
@@ -81,13 +98,36 @@ def rules(problem: Problem, as_json: bool) -> int:
         print(json.dumps({"optimum": answer, "rules": rows}, indent=2, allow_nan=False))
     else:
         table = Table(title=f"{problem.metric} in {problem.norm} over {problem.measure}: error over the optimum's")
-        for column in ("rule", "lambda", "lambda/mu", "ratio"):
+        over_limit = [] if answer["no_limit_because"] else ["over_limit"]
+        for column in ("rule", "lambda", "lambda/mu", "ratio", *(["over the limit"] if over_limit else [])):
             table.add_column(column, justify="left" if column == "rule" else "right")
-        optimal = (_shown(answer[key], answer["no_warp"]) for key in ("lambda", "lambda_over_mu"))
-        table.add_row("optimum", *optimal, "1", style="bold")
-        for name, row in rows.items():
+        shown = ["lambda", "lambda_over_mu", "ratio", *over_limit]
+        for name, row in {"optimum": answer | {"ratio": 1, "defined": True}, **rows}.items():
             note = "" if row["defined"] else " (undefined here)"
-            lams = (_shown(row[key], row["no_warp"]) for key in ("lambda", "lambda_over_mu"))
-            table.add_row(name + note, *lams, _shown(row["ratio"]))
+            cells = (_shown(row[key], row["no_warp"] and key.startswith("lambda")) for key in shown)
+            table.add_row(name + note, *cells, style="bold" if name == "optimum" else None)
         rich.print(table)
+        if answer["no_limit_because"]:
+            rich.print(answer["no_limit_because"])
     return 0 if warpopt.Outcome[answer["outcome"]].succeeded else 1
+
+
+def write_limit_map(problem: Problem, files: Sequence[Path]) -> int:
+    """Write the best map of E_p to each of the files, all or none, and say what it reaches; 0.
+
+    Raises:
+        ConfigError: there is no map (receivers at one depth), or a place holds what warpopt did not write.
+        OSError: a file cannot be written; all are then as they were.
+    """
+    frustum = warpopt.ViewFrustum(problem.near, problem.far, math.radians(problem.half_fov_deg))
+    try:
+        best = warpopt.limit_map(frustum, math.radians(problem.theta_deg), problem.norm, problem.measure)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    whole_files({path: best.encoded(path) for path in files})
+    optimum = float(_swept(problem)[1].over_limit[0, 0])
+    print(f"{len(best.delta)} knots; E_p in {problem.norm} over {problem.measure}: {best.value:.6g}")
+    print(f"The optimal perspective warp's is {optimum:.4g} times that.")
+    for path in files:
+        print(f"Written: {path}")
+    return 0

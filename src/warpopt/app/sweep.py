@@ -6,7 +6,7 @@ from collections.abc import Callable
 import jax
 import numpy as np
 
-from .blocks import RULES, BlockSolver, frustum_of, solve_blocks
+from .blocks import RULES, BlockSolver, frustum_of, no_limit_because, solve_blocks
 from .job import Job, View, objectives
 from .parts import Block, Parts
 
@@ -32,7 +32,7 @@ class RuleCurves(Curves):
 
 @dataclasses.dataclass(frozen=True)
 class OptimumCurves(Curves):
-    """The optimum of one objective, and every rule's norm over the minimal one."""
+    """The optimum of one objective, every rule's norm over the minimal one, and the limit: NaN where none is known."""
 
     metric: str
     norm: str
@@ -40,6 +40,18 @@ class OptimumCurves(Curves):
     result: np.ndarray
     residual: np.ndarray
     ratios: dict[str, np.ndarray]
+    limit: np.ndarray
+
+    @property
+    def over_limit(self) -> np.ndarray:
+        """The minimal norm as a multiple of the limit; NaN where there is none, or it is 0 (receivers at one depth)."""
+        return self.value / np.where(self.limit > 0, self.limit, np.nan)
+
+    @property
+    def no_limit_because(self) -> str | None:
+        """Why there is no limit, in words; None where there is one."""
+        norm = self.norm if self.norm in ("inf", "l1", "l2") else float(self.norm)
+        return no_limit_because(self.metric, norm)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,6 +149,7 @@ class _Whole:
                 str(norm),
                 *(a[field][o] for field in ("value", "result", "residual")),
                 {name: a["ratio"][o, r] for r, name in enumerate(RULES)},
+                a["limit"][o],
             )
             for o, (metric, norm) in enumerate(job.objectives)
         )

@@ -6,7 +6,7 @@ from typing import Annotated
 import pydantic
 from pydantic import Field
 
-from .config import HalfFovDeg, Measure, Metric, Norm, Positive, Section, beyond
+from .config import HalfFovDeg, NearFar, OneObjective, Positive, Section
 
 
 class Rising(Section):
@@ -28,7 +28,7 @@ class Span(Rising):
     stop: Positive
 
 
-class TableView(Section):
+class TableView(NearFar):
     """One view frustum, of which only far/near and the field of view matter; or ranges of either."""
 
     near: Positive = 1.0
@@ -50,11 +50,6 @@ class TableView(Section):
             raise ValueError(f"half_fov_deg_range.stop: got {self.half_fov_deg_range.stop:g}, expected less than 90")
         return self
 
-    @pydantic.field_validator("far")
-    @classmethod
-    def _beyond_near(cls, far: float | None, info: pydantic.ValidationInfo) -> float | None:
-        return far if far is None else beyond([far], info)[0]
-
 
 class ThetaSpan(Rising):
     """First and last angle between light and view direction; beyond 90 degrees a look-up folds them."""
@@ -69,12 +64,9 @@ class TableLight(Section):
     theta_deg: ThetaSpan = ThetaSpan()
 
 
-class TableObjective(Section):
+class TableObjective(OneObjective):
     """What is minimised, and how much of it a look-up may lose."""
 
-    metric: Metric = "p"
-    norm: Norm = "inf"
-    measure: Measure = "screen"
     max_regret: Positive = 1e-3
     """The promise: value/minimum - 1 stays below it in every direction."""
     max_slope: Positive | None = None

@@ -1,20 +1,24 @@
 """The limit for receivers: the least norm that any monotone map of the depth along Z_w reaches over them.
 
 `limit` for V; here for bodies under any light, whose nearest receivers at each depth are the lower hull of their
-vertices, and for points, whose density is counted in bins.
+vertices, and for points, which are counted in bins of depth.
 """
 
+import dataclasses
 import functools
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 from numpy.typing import NDArray
 
 from .._checks import instance
 from ..receivers.convex_body import ConvexBody
 from ..receivers.depth_buffer import DepthBuffer, eye_points
+from ..receivers.depth_histogram import DepthHistogram
 from ..receivers.footprint import Receivers
-from ..receivers.groups import BINS
+from ..receivers.groups import BINS, ends
 from ..receivers.points import PointReceivers, seen_from
 from ..receivers.view_frustum import WholeFrustum
 from ..theory.camera import Camera, DirectionalLight
@@ -23,6 +27,7 @@ from ..theory.light_frame import LightFrame
 from .limit import refuse_unknown
 
 _FINEST = 1e-4  # bins are even in log(delta + this): a warp with eta above it is within 8 % of constant slope in each
+_TOGETHER = 4096  # receivers in a row
 
 
 def scene_limit(
@@ -38,18 +43,20 @@ def scene_limit(
 ) -> float:
     """The least norm over the receivers that any reparameterisation along Z_w reaches, in `scene_warp`'s units.
 
-    `WholeFrustum` and `ConvexBody`, L-inf: E_p and E_q exactly, by the body's vertices. `PointReceivers` and
-    `DepthBuffer`: E_p, in every norm, the best of the maps that are linear within each bin of depth. Finitely many
-    points alone would have the limit 0, with every texel row at a point: the bins stand for the surfaces between them,
-    and a warp, which is not quite linear within a bin, can be below by up to 8 %. 0 for no receivers, or one depth.
+    `WholeFrustum`, `ConvexBody` and `DepthHistogram` (a slab of the frustum for each bin), L-inf: E_p and E_q exactly,
+    by their vertices. `PointReceivers` and `DepthBuffer`: E_p in every norm and E_q in L-inf, the best of the maps that
+    are linear, and of one width, within each bin of depth. Finitely many points alone would have the limit 0, with
+    every texel row at a point: the bins stand for the surfaces between them, and a warp, whose slope and width vary
+    within a bin, can be below by up to 8 % (E_q: 4 %). 0 for no receivers, or one depth. For "max" it is the larger of
+    the two limits: the slope is one map's choice and the width another's.
 
     Args:
         camera, light, receivers, metric, norm, screen, shadow_map: as in `scene_warp`.
         bins: for points and depth buffers, how many.
 
     Raises:
-        ValueError: bad arguments; no limit is known (E_q in L_P, products); or none for these receivers (E_p of bodies
-            in L_P: sample them as `PointReceivers`; E_q of points; `DepthHistogram`).
+        ValueError: bad arguments; no limit is known (E_q in L_P, products); or none for these receivers: E_p of bodies
+            in L_P, whose density over depth has no closed form under any light (sample them as `PointReceivers`).
 
     Example:
         >>> import warpopt
@@ -58,30 +65,92 @@ def scene_limit(
         >>> round(scene_limit(camera, light), 3)   # log(100) / tan(phi); the optimal warp's norm is 2.15 times it
         7.976
     """
-    instance("camera", camera, Camera)
-    instance("light", light, DirectionalLight)
+    if metric == "max":
+        options = {"bins": bins, "screen": screen, "shadow_map": shadow_map}
+        return max(scene_limit(camera, light, receivers, one, norm, **options) for one in ("p", "q"))
     receivers = WholeFrustum() if receivers is None else receivers
     error_norm = ErrorNorm.of(metric, norm, getattr(receivers, "measure", "screen"))
     refuse_unknown(error_norm)
+    frame = checked_frame(camera, light, bins, screen, shadow_map)
+    alpha, beta = error_norm.metric.alpha, error_norm.metric.beta
+    if not beta:
+        return pieces_of(camera, frame, receivers, error_norm.order * alpha, bins).value ** alpha
+    if isinstance(receivers, PointReceivers | DepthBuffer):
+        widest = float(_widest_bin(camera, frame, receivers, bins))
+    else:
+        widest = _widest(_bodies(camera, frame, receivers))
+    return (float(frame.density_q) * widest) ** beta
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Pieces:
+    """The best map of E_p, piece by piece.
+
+    Attributes:
+        at: (N + 1,) Z_w . c of the pieces' ends, increasing; empty for no receivers.
+        shares: (N,) of the map, up to a factor.
+        value: the limit of E_p in L_order.
+    """
+
+    at: NDArray
+    shares: NDArray
+    value: float
+
+
+def checked_frame(camera: Camera, light: DirectionalLight, bins: int, screen, shadow_map) -> LightFrame:
+    """The light's frame.
+
+    Raises:
+        ValueError: a bad argument.
+    """
+    instance("camera", camera, Camera)
+    instance("light", light, DirectionalLight)
     if isinstance(bins, bool) or not isinstance(bins, int) or bins < 1:
         raise ValueError(f"bins: got {bins!r}, expected an integer >= 1")
-    frame = _frame(camera, light, *(tuple(r) if isinstance(r, list) else r for r in (screen, shadow_map)))
-    alpha, beta = error_norm.metric.alpha, error_norm.metric.beta
-    if isinstance(receivers, PointReceivers | DepthBuffer) and not beta:
-        order = error_norm.order * alpha
-        return float(float(frame.density_p) * _of_points(camera, frame, receivers, order, bins)) ** alpha
-    if isinstance(receivers, WholeFrustum | ConvexBody) and error_norm.supremum:
-        vertices = _vertices(camera, receivers)
-        z_axis, x_axis = (np.asarray(v, np.float64) for v in (frame.z_axis, frame.x_axis))
-        d, x, z = vertices @ z_axis, vertices @ x_axis, vertices[:, 2]
-        if beta:
-            return float(float(frame.density_q) * _widest(d, x, z)) ** beta
-        return float(float(frame.density_p) * _nearest_integral(d, z)) ** alpha
-    what = "E_q" if beta else f"E_p in L_{error_norm.order:g}"
-    raise ValueError(
-        f"receivers: got {type(receivers).__name__} with {what}, expected WholeFrustum or ConvexBody with an L-inf "
-        "norm, or PointReceivers or DepthBuffer with E_p"
-    )
+    return _frame(camera, light, *(tuple(r) if isinstance(r, list) else r for r in (screen, shadow_map)))
+
+
+def pieces_of(
+    camera: Camera, frame: LightFrame, receivers: Receivers, order: float, bins: int, parts: int = 1
+) -> Pieces:
+    """The best map; of bodies, whose own is curved between vertices, `parts` straight pieces for each stretch.
+
+    Raises:
+        ValueError: bodies in L_P.
+    """
+    density = float(frame.density_p)
+    if isinstance(receivers, PointReceivers | DepthBuffer):
+        start, mu, unit, mass, found = map(np.asarray, _binned(camera, frame, receivers, order, bins))
+        if not mu > 0:
+            return Pieces(np.zeros(0), np.zeros(0), 0.0)
+        edges = _FINEST * np.expm1(np.linspace(0, np.log1p(1 / _FINEST), bins + 1))
+        edges[-1] = 1.0
+        if np.isinf(order):
+            shares = np.diff(edges) * found
+            value = mu * shares.sum()
+        else:
+            shares = (found * np.diff(edges) ** order) ** (1 / (order + 1))
+            value = mu / unit * shares.sum() * (shares.sum() / mass) ** (1 / order)
+        return Pieces(float(start) + float(mu) * edges, shares, float(density * value))
+    if not np.isinf(order):
+        raise ValueError(
+            f"receivers: got {type(receivers).__name__} with E_p in L_{order:g}, expected an L-inf norm, or "
+            "PointReceivers or DepthBuffer"
+        )
+    at, first, last = _nearest(_bodies(camera, frame, receivers))
+    if not len(at):
+        return Pieces(at, at, 0.0)
+    if parts > 1:  # even in log z, along which the map is even
+        t = np.linspace(0, 1, parts + 1)
+        there = np.isfinite(first)
+        low, high = (np.where(there, v, 1)[:, None] for v in (first, last))
+        z = low * (high / low) ** t
+        even = np.abs(high - low) < 1e-8 * low
+        share = np.where(even, t, (z - low) / np.where(even, 1, high - low))
+        at = np.append((at[:-1, None] + np.diff(at)[:, None] * share)[:, :-1], at[-1])
+        first, last = (np.where(there[:, None], v, np.inf).ravel() for v in (z[:, :-1], z[:, 1:]))
+    shares = np.diff(at) * _mean_nearness(first, last)
+    return Pieces(at, shares, float(density * shares.sum()))
 
 
 # Compiled: step by step, their many small operations take a hundred times as long.
@@ -95,12 +164,26 @@ def _body_vertices(camera: Camera, body: ConvexBody):
     return body.vertices(camera)
 
 
-def _vertices(camera: Camera, receivers: WholeFrustum | ConvexBody):
+def _bodies(camera: Camera, frame: LightFrame, receivers: Receivers) -> list[NDArray]:
+    """Convex bodies by their vertices, (N, 3): (Z_w . c, X_w . c, z)."""
     if isinstance(receivers, ConvexBody):
         vertices, valid = map(np.asarray, _body_vertices(camera, receivers))
-        return vertices[valid]
-    edges = np.array([[0.0, 0.0, 1.0]]) if receivers.measure == "axis" else np.asarray(camera.corner_slopes())
-    return np.concatenate([edges * float(z) for z in (camera.near, camera.far)])
+        bodies = [vertices[valid]]
+    elif isinstance(receivers, WholeFrustum):
+        axis = receivers.measure == "axis"
+        bodies = [_slab(np.array([[0.0, 0.0, 1.0]]) if axis else camera.corner_slopes(), camera.near, camera.far)]
+    else:
+        instance("receivers", receivers, DepthHistogram)
+        edges = np.clip(np.asarray(receivers.edges), camera.near, camera.far)
+        near, far = edges[:-1], edges[1:]
+        filled = (np.asarray(receivers.counts) > 0) & (far > near)
+        bodies = [_slab(camera.corner_slopes(), n, f) for n, f in zip(near[filled], far[filled], strict=True)]
+    axes = np.stack([*(np.asarray(v, np.float64) for v in (frame.z_axis, frame.x_axis)), [0.0, 0.0, 1.0]], 1)
+    return [np.asarray(vertices, np.float64) @ axes for vertices in bodies if len(vertices)]
+
+
+def _slab(edges, near, far) -> NDArray:
+    return np.concatenate([np.asarray(edges, np.float64) * float(z) for z in (near, far)])
 
 
 def _lower_hull(d: NDArray, v: NDArray) -> tuple[NDArray, NDArray]:
@@ -120,50 +203,103 @@ def _above(p: tuple[float, float], q: tuple[float, float], r: tuple[float, float
     return (q[1] - p[1]) * (r[0] - p[0]) >= (r[1] - p[1]) * (q[0] - p[0])
 
 
-def _nearest_integral(d: NDArray, z: NDArray) -> float:
-    """The integral over depths of max(1/z) at each; a body's nearest points are piecewise linear in depth."""
-    if not len(d):
-        return 0.0
-    at, least = _lower_hull(d, z)
-    low, high = np.minimum(least[1:], least[:-1]), np.maximum(least[1:], least[:-1])
+def _along(bodies: list[NDArray], column: int) -> tuple[NDArray, NDArray]:
+    """(stretches' ends (N + 1,), the least of a column at both ends of each for each body (bodies, N, 2)).
+
+    Between vertices the least is linear in depth; inf where a body has nothing.
+    """
+    at = np.unique(np.concatenate([body[:, 0] for body in bodies])) if bodies else np.zeros(0)
+    if len(at) < 2:
+        return np.zeros(0), np.zeros((len(bodies), 0, 2))
+    least = np.full((len(bodies), len(at) - 1, 2), np.inf)
+    for row, body in zip(least, bodies, strict=True):
+        there = (at[:-1] >= body[:, 0].min()) & (at[1:] <= body[:, 0].max())
+        values = np.interp(at, *_lower_hull(body[:, 0], body[:, column]))
+        row[there] = np.stack([values[:-1], values[1:]], 1)[there]
+    return at, least
+
+
+def _nearest(bodies: list[NDArray]) -> tuple[NDArray, NDArray, NDArray]:
+    """(stretches' ends, the nearest eye depth at the first and at the last end of each; inf where there is none).
+
+    Slabs of a histogram have eye depths of their own each, so that the nearest body is the same along a stretch.
+    """
+    at, least = _along(bodies, 2)
+    if not len(at):
+        return at, at, at
+    nearest = least[least.sum(2).argmin(0), np.arange(len(at) - 1)]
+    return at, nearest[:, 0], nearest[:, 1]
+
+
+def _mean_nearness(first: NDArray, last: NDArray) -> NDArray:
+    """The mean of 1/z along stretches on which z is linear; 0 where there is nothing."""
+    low, high = np.minimum(first, last), np.maximum(first, last)
+    there = np.isfinite(low)
+    low, high = np.where(there, low, 1), np.where(there, high, 1)
     growth = (high - low) / low
     even = growth < 1e-8
     # (log of the ratio) / difference, its own limit where the two are equal
     mean = np.where(even, (1 - growth / 2) / low, np.log1p(growth) / np.where(even, 1, high - low))
-    return float((np.diff(at) * mean).sum())
+    return np.where(there, mean, 0)
 
 
-def _widest(d: NDArray, x: NDArray, z: NDArray) -> float:
-    """The largest (x_max - x_min) / z_min at one depth: on each stretch between vertices a quotient of lines."""
-    if not len(d):
+def _widest(bodies: list[NDArray]) -> float:
+    """The largest (x_max - x_min) / z_min at one depth: on each stretch quotients of lines, largest at an end."""
+    at, z = _along(bodies, 2)
+    if not len(at):
         return 0.0
-    at = np.unique(d)
-    least, left, right = (np.interp(at, *_lower_hull(d, v)) for v in (z, x, -x))
-    return float(((-right - left) / least).max())
+    left = _along(bodies, 1)[1].min(0)
+    right = -_along([body * [1, -1, 1] for body in bodies], 1)[1].min(0)
+    z = z.min(0)
+    there = np.isfinite(z)
+    return float(((right - left)[there] / z[there]).max())
 
 
-def _of_points(camera: Camera, frame: LightFrame, receivers, order: float, bins: int) -> float:
-    """mu times ((sum of (W_b width_b^P)^(1/(P+1)))^(P+1) / mass)^(1/P) over the bins, widths in delta."""
+def _bins_of(camera: Camera, frame: LightFrame, receivers: PointReceivers | DepthBuffer, bins: int):
+    """(points in eye coordinates, weights, start, mu, the bin of each)."""
     if isinstance(receivers, DepthBuffer):
         points, seen = eye_points(receivers, camera)
-        weights = seen
+        points, weights = points.reshape(-1, 3), seen.ravel().astype(points.dtype)
     else:
-        points = camera.to_eye(receivers.points)
-        weights = np.where(np.asarray(seen_from(camera, points)), np.asarray(receivers.weights), 0)
-    points, weights = np.asarray(points, np.float64).reshape(-1, 3), np.asarray(weights, np.float64).ravel()
-    points, weights = points[weights > 0], weights[weights > 0]
-    d, z = points @ np.asarray(frame.z_axis, np.float64), points[:, 2]
-    if not len(d) or d.max() == d.min():
-        return 0.0
-    mu = d.max() - d.min()
-    edges = _FINEST * np.expm1(np.linspace(0, np.log1p(1 / _FINEST), bins + 1))
-    edges[-1] = 1.0
-    which = np.clip(np.searchsorted(edges, (d - d.min()) / mu, side="right") - 1, 0, bins - 1)
+        points, weights = camera.to_eye(receivers.points), receivers.weights
+        weights = jnp.where(seen_from(camera, points), weights, 0)
+        if not len(points):  # one point of no weight
+            points, weights = jnp.ones((1, 3), points.dtype), jnp.zeros(1, points.dtype)
+    seen = weights > 0
+    points = jnp.where(seen[:, None], points, jnp.ones(3, points.dtype))
+    d = frame.depth(points)
+    start, end = ends(seen, d)
+    share = (d - start) / jnp.where(end > start, end - start, 1)
+    position = jnp.log1p(jnp.where(seen, share, 0) / _FINEST) / np.log1p(1 / _FINEST) * bins
+    return points, weights, start, end - start, jnp.clip(position.astype(jnp.int32), 0, bins - 1)
+
+
+@functools.partial(jax.jit, static_argnames=("order", "bins"))
+def _binned(camera: Camera, frame: LightFrame, receivers, order: float, bins: int) -> tuple[Array, ...]:
+    """(start, mu, the least eye depth, all weights, each bin's largest 1/z or sum of weights (least z / z)^P)."""
+    points, weights, start, mu, which = _bins_of(camera, frame, receivers, bins)
+    z, seen = points[:, 2], weights > 0
+    unit = jnp.where(seen, z, jnp.inf).min()
     if np.isinf(order):
-        nearest = np.zeros(bins)
-        np.maximum.at(nearest, which, 1 / z)
-        return float(mu * (np.diff(edges) * nearest).sum())
-    unit = z.min()  # powers of ratios stay in range
-    density = np.bincount(which, weights * (unit / z) ** order, bins)
-    total = ((density * np.diff(edges) ** order) ** (1 / (order + 1))).sum()
-    return float(mu / unit * total * (total / weights.sum()) ** (1 / order))
+        nearest = jnp.maximum(jax.ops.segment_max(jnp.where(seen, 1 / z, 0), which, bins), 0)
+        return start, mu, unit, weights.sum(), nearest
+    # Rows of receivers first, then the rows: one long sum would lose half of single precision's digits.
+    row = np.arange(len(z)) // _TOGETHER
+    terms = weights * jnp.where(seen, unit / z, 0) ** order
+    sums = jax.ops.segment_sum(terms, which + bins * row, bins * (int(row[-1]) + 1))
+    return start, mu, unit, weights.sum(), sums.reshape(-1, bins).sum(0)
+
+
+@functools.partial(jax.jit, static_argnames=("bins",))
+def _widest_bin(camera: Camera, frame: LightFrame, receivers, bins: int) -> Array:
+    """The largest (x_max - x_min) / z_min of a bin; 0 where all receivers are at one depth."""
+    points, weights, _, mu, which = _bins_of(camera, frame, receivers, bins)
+    seen = weights > 0
+
+    def least(values: Array) -> Array:
+        return jax.ops.segment_min(jnp.where(seen, values, jnp.inf), which, bins)
+
+    x = frame.lateral(points)
+    z, left, right = least(points[:, 2]), least(x), -least(-x)
+    there = jnp.isfinite(z) & (mu > 0)
+    return jnp.where(there, jnp.where(there, right - left, 0) / jnp.where(there, z, 1), 0).max()
