@@ -14,7 +14,7 @@ import claims_of_at09
 import claims_of_others
 import claims_of_rules
 from claim_checks import CONDITION, CONTRADICTED, REPRODUCED, Claim
-from provenance import write_section
+from provenance import markdown_table, write_section
 
 
 def claims() -> Iterator[Claim]:
@@ -23,12 +23,10 @@ def claims() -> Iterator[Claim]:
 
 def table(rows: list[Claim]) -> str:
     count = {v: sum(r.verdict == v for r in rows) for v in (REPRODUCED, CONDITION, CONTRADICTED)}
-    lines = [f"{len(rows)} statements: {', '.join(f'{n} {v}' for v, n in count.items())}.", ""]
-    lines += ["| where | claim | verdict | number | inputs | why not, or when |", "|---|---|---|---|---|---|"]
-    for r in rows:
-        why = "" if r.verdict == REPRODUCED else r.proof
-        lines.append(f"| {r.source} | {r.statement} | **{r.verdict}** | {r.number} | {r.inputs} | {why} |")
-    return "\n".join(lines)
+    summary = f"{len(rows)} statements: {', '.join(f'{n} {v}' for v, n in count.items())}."
+    heads = ("where", "claim", "verdict", "number", "inputs", "why not, or when")
+    cells = ((r.source, r.statement, f"**{r.verdict}**", r.number, r.inputs, r.why) for r in rows)
+    return f"{summary}\n\n{markdown_table(heads, cells)}"
 
 
 def main() -> None:

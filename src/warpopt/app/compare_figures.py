@@ -196,13 +196,6 @@ def map_figure(compared: list["Compared"]) -> Figure:
     return figure
 
 
-def _order(c: "Compared") -> list[str]:
-    r = c.result
-    ranking = r.ranking()
-    rest = [name for name in r.names if name not in ranking]
-    return [*ranking, *sorted(rest, key=lambda name: np.nan_to_num(r.mean(name), nan=np.inf))]
-
-
 def _edges(c: "Compared") -> np.ndarray:
     r = c.result
     if r.regions is None:
@@ -216,7 +209,7 @@ def _edges(c: "Compared") -> np.ndarray:
 
 def _map_panel(axes: Axes, c: "Compared", last: bool) -> None:
     r = c.result
-    order = _order(c)
+    order = r.order()
     index = [r.names.index(name) for name in order]
     edges = _edges(c)
     ratio = np.ma.masked_invalid(np.maximum(r.ratio[index], 1))

@@ -162,8 +162,7 @@ def _table(c: "Compared") -> str:
     ranking = r.ranking()
     heads = ["", "rule", "mean", "worst", "at", "worst over the limit", "worse than no warp", "no warp", "undefined"]
     lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
-    rest = sorted((n for n in r.names if n not in ranking), key=lambda n: np.nan_to_num(r.mean(n), nan=np.inf))
-    for place, name in [*enumerate(ranking, 1), *(("", name) for name in rest)]:
+    for place, name in enumerate(r.order(), 1):
         worst, at = r.worst(name)
         if at < 0:
             numbers = ["-"] * 4
@@ -171,7 +170,8 @@ def _table(c: "Compared") -> str:
             over = "" if r.over_limit is None else f"{_largest(r.over_limit[r.names.index(name)]):.3g}"
             numbers = [f"{r.mean(name):.3g}", f"{worst:.3g}", place_text(c, at), over]
         where = [where_text(c, kind, name) for kind in ("worse", "no_warp", "undefined")]
-        lines.append("| " + " | ".join(map(str, [place, rule_title(name), *numbers, *where])) + " |")
+        first = [str(place) if name in ranking else "", rule_title(name)]
+        lines.append("| " + " | ".join([*first, *numbers, *where]) + " |")
     return "\n".join(lines) + "\n"
 
 

@@ -73,7 +73,7 @@ class Comparison:
     @property
     def worse(self) -> NDArray:
         """(R, T) where a rule is worse than no warp."""
-        return self.values > self.unwarped * (1 + _noise(self.values))
+        return _worse(self.values, self.unwarped)
 
     @property
     def failed(self) -> NDArray:
@@ -105,6 +105,12 @@ class Comparison:
     def ranking(self) -> list[str]:
         """The rules that are defined in every direction, the least mean first."""
         return sorted(filter(self.complete, self.names), key=lambda name: (self.mean(name), self.worst(name)[0]))
+
+    def order(self) -> list[str]:
+        """All rules: the ranking, then those that are not defined everywhere, the least mean first."""
+        ranking = self.ranking()
+        rest = (name for name in self.names if name not in ranking)
+        return [*ranking, *sorted(rest, key=lambda name: np.nan_to_num(self.mean(name), nan=np.inf))]
 
 
 def compare_rules(
@@ -158,8 +164,7 @@ def compare_rules(
 
     def conditions(theta, evaluated) -> NDArray:
         _, eta, defined, values, unwarped = evaluated
-        worse = values > unwarped * (1 + _noise(values))
-        return np.concatenate([worse, defined & (eta == 1), ~defined])
+        return np.concatenate([_worse(values, unwarped), defined & (eta == 1), ~defined])
 
     evaluated = evaluate(theta)
     at = np.asarray(theta)
@@ -179,9 +184,9 @@ def compare_rules(
     return Comparison(names, at, solution, best, eta, defined, values, unwarped, located)
 
 
-def _noise(values: NDArray) -> float:
+def _worse(values: NDArray, unwarped: NDArray) -> NDArray:
     """Norms are within a few hundred eps of exact (moments of extreme frusta included): less apart is equal."""
-    return 1e3 * float(np.finfo(values.dtype).eps)
+    return values > unwarped * (1 + 1e3 * np.finfo(values.dtype).eps)
 
 
 def _quotient(values: NDArray, over: ArrayLike) -> NDArray:

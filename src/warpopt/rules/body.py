@@ -5,13 +5,17 @@ begins along Z_w (y_min) and how far it reaches (d), theta, and the camera's hal
 visible. So a rule given a `Body` is applied as an engine applies it.
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
+from .._checks import checked
 from ..theory.frustum import ViewFrustum
 from ..theory.light_space import Depth, LightSpace, checked_theta
+from ..theory.warp import Warp
 
 
 class Body(eqx.Module):
@@ -101,6 +105,21 @@ def space_of(frustum: ViewFrustum | Body, theta: ArrayLike) -> LightSpace | Body
     return BodySpace(frustum, theta) if isinstance(frustum, Body) else LightSpace(frustum, theta)
 
 
-def axis_depths(space: LightSpace | BodySpace | BodySpace) -> tuple[Depth, Depth]:
+def axis_depths(space: LightSpace | BodySpace) -> tuple[Depth, Depth]:
     """Depths of the ends of the view axis within the body."""
     return space.axis_depths() if isinstance(space, BodySpace) else space.edge(0.5)
+
+
+def warp_of_product(space: LightSpace | BodySpace, product: Array, factor: ArrayLike = 1) -> Warp:
+    """The warp of lambda factor / n, for a factor >= 0; undefined, no warp, unless that is positive."""
+    positive = product > 0
+    return Warp.from_range_ratio(space.mu_over_near * factor / jnp.where(positive, product, 1), space.mu, positive)
+
+
+def parameter(name: str, value: ArrayLike, frustum: ViewFrustum | Body, valid: Callable, expected: str) -> Array:
+    """A rule's parameter in the frustum's dtype.
+
+    Raises:
+        ValueError: naming it, where it is not `valid`.
+    """
+    return checked(name, jnp.asarray(value, frustum.near.dtype), valid, expected)

@@ -15,12 +15,11 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from .._checks import checked
 from .._numerics import larger, smaller
 from ..theory.frustum import ViewFrustum
 from ..theory.light_space import LightSpace, checked_theta
 from ..theory.warp import Warp
-from .body import BodySpace, space_of
+from .body import BodySpace, parameter, space_of, warp_of_product
 
 
 def lispsm_paper(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
@@ -61,8 +60,8 @@ def filament(frustum: ViewFrustum, theta: ArrayLike, near_hint: float = 1.0, far
         >>> round(float(filament(frustum, 1.5707963).lam), 3)   # v0 = 1, v1 = 100
         10.1
     """
-    near_hint = _parameter("near_hint", near_hint, frustum, lambda v: (v >= 0) & (v < jnp.inf), "a finite length >= 0")
-    far_hint = _parameter("far_hint", far_hint, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite length > 0")
+    near_hint = parameter("near_hint", near_hint, frustum, lambda v: (v >= 0) & (v < jnp.inf), "a finite length >= 0")
+    far_hint = parameter("far_hint", far_hint, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite length > 0")
     space = space_of(frustum, theta)
     s, m, x = space.sin_theta, space.mu_over_near, space.depth_range
     h = larger(near_hint - space.near, 0) / space.near
@@ -93,7 +92,7 @@ def osg_lispsm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     reach = space.mu_over_near * square
     # times s^2, so that theta = 0 (lambda = inf) is a value like any other
     N = larger(1 + jnp.sqrt(1 + reach), 0.02 * reach)
-    return _from_product(space, N + square * (space.minimum_depth / space.near - 1), square)
+    return warp_of_product(space, N + square * (space.minimum_depth / space.near - 1), square)
 
 
 def osg_lispsm_corrected(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
@@ -111,7 +110,7 @@ def osg_lispsm_corrected(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     """
     space = space_of(frustum, theta)
     s = space.sin_theta
-    return _from_product(space, jnp.sqrt(1 + space.mu_over_near * s) + s * (space.minimum_depth / space.near), s)
+    return warp_of_product(space, jnp.sqrt(1 + space.mu_over_near * s) + s * (space.minimum_depth / space.near), s)
 
 
 def osg_vdsm(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: float = 0.05) -> Warp:
@@ -133,7 +132,7 @@ def osg_vdsm(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: float = 0.0
         >>> [round(float(rule(frustum, 1.5707963).lam), 3) for rule in (osg_vdsm, openmw)]
         [2.475, 12.375]
     """
-    r = _parameter("near_far_ratio", near_far_ratio, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite number > 0")
+    r = parameter("near_far_ratio", near_far_ratio, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite number > 0")
     space = space_of(frustum, theta)
     s = space.sin_theta
     warps = s >= math.sin(math.radians(2))
@@ -175,8 +174,8 @@ def ogre(frustum: ViewFrustum, theta: ArrayLike, adjust: float = 0.1, threshold:
         >>> round(float(ogre(frustum, 1.5707963).lam), 3)
         1.1
     """
-    k = _parameter("adjust", adjust, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite number > 0")
-    angle = _parameter("threshold", threshold, frustum, lambda v: (v > 0) & (v < math.pi / 2), "radians in (0, pi/2)")
+    k = parameter("adjust", adjust, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite number > 0")
+    angle = parameter("threshold", threshold, frustum, lambda v: (v > 0) & (v < math.pi / 2), "radians in (0, pi/2)")
     space = space_of(frustum, theta)
     c = jnp.cos(angle)
     # 1 - c without its cancellation for small angles
@@ -200,8 +199,8 @@ def veloren(frustum: ViewFrustum, theta: ArrayLike, at_phi: float = -0.2, span: 
         >>> [round(float(veloren(frustum, theta).lam), 2) for theta in (1.5707963, 0.7853982)]
         [11.0, 14.9]
     """
-    at_phi = _parameter("at_phi", at_phi, frustum, lambda v: (v > -1) & (v <= 0), "a number in (-1, 0]")
-    span = _parameter("span", span, frustum, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
+    at_phi = parameter("at_phi", at_phi, frustum, lambda v: (v > -1) & (v <= 0), "a number in (-1, 0]")
+    span = parameter("span", span, frustum, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
     space = space_of(frustum, theta)
     phi, theta = frustum.half_fov, checked_theta(theta, frustum)
     angle = jnp.where(space.mirrored, math.pi - theta, theta)
@@ -239,9 +238,9 @@ def tsm_xray(
         >>> [round(float(rule(frustum, 1.5707963).lam), 2) for rule in (tsm_xray, tsm_dagor)]
         [11.88, 36.77]
     """
-    delta = _parameter("delta", delta, frustum, lambda v: (v > 0) & (v < 1), "a number in (0, 1)")
-    xi = _parameter("xi", xi, frustum, lambda v: (v > -1) & (v < 1), "a number in (-1, 1)")
-    cutoff = _parameter("cutoff", cutoff, frustum, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
+    delta = parameter("delta", delta, frustum, lambda v: (v > 0) & (v < 1), "a number in (0, 1)")
+    xi = parameter("xi", xi, frustum, lambda v: (v > -1) & (v < 1), "a number in (-1, 1)")
+    cutoff = parameter("cutoff", cutoff, frustum, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
     space = space_of(frustum, theta)
     ratio = jnp.broadcast_to((1 - xi - 2 * delta) / (delta * (1 + xi)), space.mu.shape)
     return _guarded(space, _cosine(space) < cutoff, ratio)
@@ -269,17 +268,7 @@ def _cosine(space: LightSpace | BodySpace) -> Float[Array, "..."]:
     return space.slope / space.tan_phi
 
 
-def _parameter(name: str, value: ArrayLike, frustum: ViewFrustum, valid, expected: str) -> Array:
-    return checked(name, jnp.asarray(value, frustum.near.dtype), valid, expected)
-
-
 def _guarded(space: LightSpace | BodySpace, warps: Array, ratio: Array) -> Warp:
     """The warp of mu / lambda where the engine warps at all; undefined where that is negative."""
     ratio = jnp.where(warps, ratio, 0)
     return Warp.from_range_ratio(ratio, space.mu, ratio >= 0)
-
-
-def _from_product(space: LightSpace | BodySpace, product: Array, factor: Array) -> Warp:
-    """The warp of lambda factor / n, for a factor >= 0; undefined unless that is positive."""
-    positive = product > 0
-    return Warp.from_range_ratio(space.mu_over_near * factor / jnp.where(positive, product, 1), space.mu, positive)
