@@ -264,6 +264,16 @@ def test_filaments_second_distance_minimises_the_product_at_its_near_hint():
     assert float(nearer.lam) == pytest.approx(1 + np.sqrt(40 * 100), rel=1e-12)
 
 
+def test_filaments_hint_is_counted_from_the_cameras_near_plane():
+    """Over a body that begins at 10 before a camera whose near is 2: dzn = 50 - 2, zf - zn = 100 - 10."""
+    body = rules.Body(*jnp.array([10.0, 100.0, 0.5, 10.0, 90.0, 2.0]))
+    warp = rules.filament(body, np.pi / 2, near_hint=50.0)
+    first, second = 10 + np.sqrt(50 * 100), 48 / (2 - 3 * 48 / 90)
+    assert second > first
+    assert float(warp.lam) == pytest.approx(second, rel=1e-12)
+    assert bool(rules.filament(body, np.pi / 2, near_hint=62.0).no_warp)  # 3 * 60 = 2 * 90
+
+
 def test_tsm_of_engines_maps_its_depth_fraction_to_its_line():
     for rule, delta in ((rules.tsm_xray, 0.3), (rules.tsm_dagor, 0.52)):
         warp = rule(PAPER, 1.0)

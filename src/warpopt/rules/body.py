@@ -28,10 +28,11 @@ class Body(eqx.Module):
         half_fov: of the camera along the warp, radians.
         start: least Z_w . c over the receivers, from the eye (`Footprint.start`).
         mu: their depth range along Z_w, > 0 (`Footprint.mu`).
+        camera_near: the near plane's distance, at most `near`; Filament's alone counts from it.
 
     Example:
         >>> import jax, warpopt
-        >>> body = Body(*jax.numpy.array([5.0, 50.0, 0.5236, 4.0, 45.0]))
+        >>> body = Body(*jax.numpy.array([5.0, 50.0, 0.5236, 4.0, 45.0, 0.1]))
         >>> round(float(warpopt.rules.lispsm(body, 1.5707963).lam), 3)   # 5 + sqrt(5 * 50), from start
         20.811
     """
@@ -41,6 +42,7 @@ class Body(eqx.Module):
     half_fov: Float[Array, "..."]
     start: Float[Array, "..."]
     mu: Float[Array, "..."]
+    camera_near: Float[Array, "..."]
 
 
 class BodySpace(eqx.Module):

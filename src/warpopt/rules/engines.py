@@ -19,7 +19,7 @@ from .._numerics import larger, smaller
 from ..theory.frustum import ViewFrustum
 from ..theory.light_space import LightSpace, checked_theta
 from ..theory.warp import Warp
-from .body import BodySpace, parameter, space_of, warp_of_product
+from .body import Body, BodySpace, parameter, space_of, warp_of_product
 
 
 def lispsm_paper(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
@@ -42,9 +42,10 @@ def lispsm_paper(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
 def filament(frustum: ViewFrustum, theta: ArrayLike, near_hint: float = 1.0, far_hint: float = 100.0) -> Warp:
     """Google Filament: lambda = max(n0, n1), n0 = (n + sqrt(v0 v1)) / s, n1 = h / (2 - 3 h / (f - n)).
 
-    v0 = max(n, near_hint) and v1 = min(f, far_hint, n + d s) are the depths that matter, h = v0 - n. n0 equalises E_p
-    at them; n1 minimises E_p E_q at v0, for a light overhead. Uniform unless s > 0.02 and 3 h < 2 (f - n).
-    filament/src/ShadowMap.cpp @0362f36, which does not warp in its `stable` mode.
+    v0 = max(n, near_hint) and v1 = min(f, far_hint, n + d s) are the depths that matter, h = max(near_hint - c, 0) with
+    c the camera's own near distance, which is n but for a `Body`. n0 equalises E_p at them; n1 minimises E_p E_q at v0,
+    for a light overhead and n = c. Uniform unless s > 0.02 and 3 h < 2 (f - n). filament/src/ShadowMap.cpp @0362f36,
+    which does not warp in its `stable` mode.
 
     Args:
         frustum, theta: as for every rule.
@@ -64,14 +65,14 @@ def filament(frustum: ViewFrustum, theta: ArrayLike, near_hint: float = 1.0, far
     far_hint = parameter("far_hint", far_hint, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite length > 0")
     space = space_of(frustum, theta)
     s, m, x = space.sin_theta, space.mu_over_near, space.depth_range
-    h = larger(near_hint - space.near, 0) / space.near
-    last = smaller(smaller(1 + x, far_hint / space.near), 1 + m * s)
+    h = larger(near_hint - (frustum.camera_near if isinstance(frustum, Body) else frustum.near), 0) / space.near
+    first, last = larger(1, near_hint / space.near), smaller(smaller(1 + x, far_hint / space.near), 1 + m * s)
     # the roots one by one: the product could overflow single precision
-    first = m * s / (1 + jnp.sqrt(1 + h) * jnp.sqrt(last))
+    equal = m * s / (1 + jnp.sqrt(first) * jnp.sqrt(last))
     hinted = h > 0
-    second = m * (2 - 3 * (h / x)) / jnp.where(hinted, h, 1)
+    stationary = m * (2 - 3 * (h / x)) / jnp.where(hinted, h, 1)
     warps = (s > 0.02) & (3 * h < 2 * x)
-    return _guarded(space, warps, jnp.where(hinted, smaller(first, second), first))
+    return _guarded(space, warps, jnp.where(hinted, smaller(equal, stationary), equal))
 
 
 def osg_lispsm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
@@ -158,7 +159,7 @@ def ogre(frustum: ViewFrustum, theta: ArrayLike, adjust: float = 0.1, threshold:
     """OGRE up to 13.5, its simple rule: lambda = (n + sqrt(n f)) k t, without any sin(theta).
 
     t = 1 while |cos(g)| < c = cos(threshold), and 1 + 20 (|cos(g)| - c) / (1 - c) beyond.
-    OgreMain/src/OgreShadowCameraSetupLiSPSM.cpp.
+    OgreMain/src/OgreShadowCameraSetupLiSPSM.cpp @00dd9a5.
 
     Args:
         frustum, theta: as for every rule.
@@ -218,10 +219,10 @@ def veloren(frustum: ViewFrustum, theta: ArrayLike, at_phi: float = -0.2, span: 
 def tsm_xray(
     frustum: ViewFrustum, theta: ArrayLike, delta: float = 0.3, xi: float = -0.6, cutoff: float = 0.99
 ) -> Warp:
-    """TSM in X-Ray: lambda = d delta (1 + xi) / (1 - xi - 2 delta); uniform where |cos(g)| >= cutoff.
+    """TSM in X-Ray (OpenXRay): lambda = d delta (1 + xi) / (1 - xi - 2 delta); uniform where |cos(g)| >= cutoff.
 
     Maps the depth fraction delta of the body to s = (1 - xi) / 2, 0.8 of the map. A fixed fraction, where `tsm` takes
-    that of a point on the view axis. r2_R_sun.cpp.
+    that of a point on the view axis. src/Layers/xrRender_R2/r2_R_sun.cpp @ec397af.
 
     Args:
         frustum, theta: as for every rule.
