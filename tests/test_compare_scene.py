@@ -163,7 +163,7 @@ def test_an_empty_scene_and_bad_lights():
     away = warpopt.ConvexBody.box((-1, -1, 10), (1, 1, 20))  # behind the camera
     result = warpopt.compare_scene_rules(CAMERA, lights_of(LIGHTS), away, RULES, "pxq")
     assert np.isnan(result.ratio).all()
-    assert result.worst("lispsm_paper")[1] == -1
+    assert result.worst("lispsm_paper").index == -1
     with pytest.raises(ValueError, match="lights: got"):
         warpopt.compare_scene_rules(CAMERA, warpopt.DirectionalLight((0, -1, 0)), BODY)
 

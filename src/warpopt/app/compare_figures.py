@@ -227,8 +227,7 @@ def _map_panel(axes: Axes, c: "Compared", last: bool) -> None:
                 look = {"fill": False, "hatch": "//////", "linewidth": 0, "edgecolor": ink, "zorder": 3}
                 axes.add_patch(Rectangle(place, size, 1, **look))
         name = order[row]
-        worst, _ = r.worst(name)
-        numbers = ("–", "–") if np.isnan(worst) else (_number(r.mean(name)), _number(worst))
+        numbers = _number(r.mean(name)), _number(r.worst(name).ratio)
         for x, text in zip((1.13, 1.27), numbers, strict=True):
             axes.text(
                 x, 1 - (row + 0.5) / len(order), text, transform=axes.transAxes, ha="right", va="center", fontsize=7.4
@@ -260,6 +259,8 @@ def _map_panel(axes: Axes, c: "Compared", last: bool) -> None:
 
 
 def _number(value: float) -> str:
+    if not np.isfinite(value):
+        return "–" if np.isnan(value) else "∞"
     return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
 
 

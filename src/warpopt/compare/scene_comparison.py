@@ -84,7 +84,7 @@ def compare_scene_rules(
     values = np.where(defined & ~failed, values[order], np.nan)
     best = _limits(camera, lights, receivers, metric, norm, screen, shadow_map)
     theta = np.asarray(solution.frame.theta)
-    return Comparison(tuple(found), theta, solution, best, eta, defined, values, unwarped, None)
+    return Comparison(tuple(found), theta, solution, best, eta, defined, values, unwarped, None, None)
 
 
 @jax.jit
