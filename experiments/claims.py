@@ -11,14 +11,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import claims_of_at09
+import claims_of_model
 import claims_of_others
 import claims_of_rules
 from claim_checks import CONDITION, CONTRADICTED, REPRODUCED, Claim
 from provenance import markdown_table, write_section
 
+MODULES = (claims_of_model, claims_of_at09, claims_of_rules, claims_of_others)
+
 
 def claims() -> Iterator[Claim]:
-    return (check() for check in (*claims_of_at09.CHECKS, *claims_of_rules.CHECKS, *claims_of_others.CHECKS))
+    return (check() for module in MODULES for check in module.CHECKS)
 
 
 def table(rows: list[Claim]) -> str:

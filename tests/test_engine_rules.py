@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scenes
+from pages import same_to_the_digits, section
 from twin import mp, mpf
 
 import warpopt
@@ -284,12 +285,17 @@ def test_tsm_of_engines_maps_its_depth_fraction_to_its_line():
 def test_tsms_two_rules_each_have_their_range(monkeypatch):
     """docs/corrections.md: near the view direction the alternative, without a warp, is the better; near phi the other.
 
-    The alternative's no-warp range ends where (1 - z_k/f) tan(theta) = tan(phi)/3, on the experiment's grid.
+    The alternative's no-warp range ends where (1 - z_k/f) tan(theta) = tan(phi)/3, on the experiment's grid. The page
+    has the experiment's table.
     """
-    monkeypatch.setattr(sys, "path", [str(Path(__file__).parents[1] / "experiments"), *sys.path])
-    from tsm_rules import compare
+    root = Path(__file__).parents[1]
+    monkeypatch.setattr(sys, "path", [str(root / "experiments"), *sys.path])
+    import tsm_rules
 
-    row = compare(100.0, 30.0, count=301)
+    rows = [tsm_rules.compare(*view) for view in tsm_rules.VIEWS]
+    page = (root / "docs" / "corrections.md").read_text(encoding="utf-8")
+    assert same_to_the_digits(section(page, "tsm rules"), tsm_rules.table(rows))
+    row = rows[tsm_rules.VIEWS.index((100.0, 30.0))]
     assert row["tsm: no warp"] == row["tsm: undefined"] == row["alternative: undefined"] == []
     end = np.rad2deg(np.arctan(np.tan(scenes.PHI) / 3 / (1 - 50.5 / 100)))
     assert row["alternative: no warp"] == [(0.0, pytest.approx(end, abs=0.1))]
