@@ -341,7 +341,12 @@ def test_every_rule_has_a_name_in_the_configuration_and_for_people():
 def test_figures_are_drawn_and_written(written, comparison):
     out = written / "out"
     assert (out / "map.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-    assert not (out / "curves.png").exists()  # 18 rules are too many
+    assert (out / "curves.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    every = compare_figures.curves_figure([compare.Compared("p", "inf", None, comparison)]).axes[0]
+    shown = {text.get_text() for text in every.texts}
+    assert {"tenth", "no warp", rule_title(comparison.ranking()[0])} <= shown
+    thin = [line for line in every.lines if line.get_linewidth() < 1 and line.get_label().startswith("rule ")]
+    assert len(thin) == len(comparison.names) - 3
     names = ("tsm_alternative", "tenth")
     rows = [comparison.names.index(name) for name in names]
     fewer = {field: getattr(comparison, field)[rows] for field in ("eta", "defined", "values")}
