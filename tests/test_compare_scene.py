@@ -197,6 +197,14 @@ def test_the_command_over_a_box(tmp_path, monkeypatch, boxed):
         ratios = np.array(told["rules"][name]["over_optimum"], float)  # None is NaN
         np.testing.assert_allclose(ratios, boxed.ratio[i], rtol=1e-12)
         assert told["rules"][name]["regions_deg"] is None
+    with Path("out/ranking.csv").open() as file:
+        ranked = {row["rule"]: row for row in csv.DictReader(file)}
+    for name, row in ranked.items():  # of the lights given: nothing lies between them
+        worst = boxed.ratio[boxed.names.index(name)]
+        assert int(row["at_light_over_optimum"]) == np.nanargmax(worst)
+        assert float(row["worst_over_optimum"]) == pytest.approx(np.nanmax(worst), rel=1e-12)
+        assert row["worst_over_limit"] == row["at_light_over_limit"] == ""  # no limit of E_pxq is known
+    assert list(ranked) == boxed.order()
     report = Path("out/report.md").read_text()
     assert "applied as engines apply them" in report
     assert "PSM is worse" in report or "PSM yields no lambda > 0 for light" in report

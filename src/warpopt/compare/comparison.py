@@ -104,7 +104,7 @@ class Comparison:
     def worst(self, name: str, over: Over = "optimum") -> Worst:
         """The largest value / optimum, or value / limit, where the rule is defined.
 
-        Of directions in order between them as well: kinks, jumps and poles are found to about 1e-11 of a step if a
+        Of directions in order between them as well: kinks, jumps and poles are found to about 1e-10 of a step if a
         direction beside them has the largest ratio, or if they are where the rule begins or ends to be defined.
         """
         ratios = self.ratio if over == "optimum" else self.over_limit
@@ -138,13 +138,16 @@ class Comparison:
 
     def ranking(self) -> list[str]:
         """The rules that are defined in every direction, the least mean first."""
-        return sorted(filter(self.complete, self.names), key=lambda name: (self.mean(name), self.worst(name).ratio))
+        return sorted(filter(self.complete, self.names), key=self._losses)
 
     def order(self) -> list[str]:
         """All rules: the ranking, then those that are not defined everywhere, the least mean first."""
         ranking = self.ranking()
-        rest = (name for name in self.names if name not in ranking)
-        return [*ranking, *sorted(rest, key=lambda name: np.nan_to_num(self.mean(name), nan=np.inf))]
+        return [*ranking, *sorted((name for name in self.names if name not in ranking), key=self._losses)]
+
+    def _losses(self, name: str) -> tuple[float, float]:
+        """(mean, worst), inf for what has none."""
+        return tuple(np.nan_to_num((self.mean(name), self.worst(name).ratio), nan=np.inf).tolist())
 
 
 def compare_rules(
