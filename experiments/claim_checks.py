@@ -31,6 +31,11 @@ class Claim:
     inputs: str = "n = 1, f = 100, phi = 30 deg"
     proof: str = ""
 
+    @property
+    def why(self) -> str:
+        """Why not, or when; empty for what simply holds."""
+        return "" if self.verdict == REPRODUCED else self.proof
+
 
 def verdict(always: bool, under_condition: bool = False) -> str:
     return REPRODUCED if always else CONDITION if under_condition else CONTRADICTED

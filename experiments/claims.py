@@ -11,24 +11,25 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import claims_of_at09
+import claims_of_model
 import claims_of_others
 import claims_of_rules
 from claim_checks import CONDITION, CONTRADICTED, REPRODUCED, Claim
-from provenance import write_section
+from provenance import markdown_table, write_section
+
+MODULES = (claims_of_model, claims_of_at09, claims_of_rules, claims_of_others)
 
 
 def claims() -> Iterator[Claim]:
-    return (check() for check in (*claims_of_at09.CHECKS, *claims_of_rules.CHECKS, *claims_of_others.CHECKS))
+    return (check() for module in MODULES for check in module.CHECKS)
 
 
 def table(rows: list[Claim]) -> str:
     count = {v: sum(r.verdict == v for r in rows) for v in (REPRODUCED, CONDITION, CONTRADICTED)}
-    lines = [f"{len(rows)} statements: {', '.join(f'{n} {v}' for v, n in count.items())}.", ""]
-    lines += ["| where | claim | verdict | number | inputs | why not, or when |", "|---|---|---|---|---|---|"]
-    for r in rows:
-        why = "" if r.verdict == REPRODUCED else r.proof
-        lines.append(f"| {r.source} | {r.statement} | **{r.verdict}** | {r.number} | {r.inputs} | {why} |")
-    return "\n".join(lines)
+    summary = f"{len(rows)} statements: {', '.join(f'{n} {v}' for v, n in count.items())}."
+    heads = ("where", "claim", "verdict", "number", "inputs", "why not, or when")
+    cells = ((r.source, r.statement, f"**{r.verdict}**", r.number, r.inputs, r.why) for r in rows)
+    return f"{summary}\n\n{markdown_table(heads, cells)}"
 
 
 def main() -> None:

@@ -37,6 +37,49 @@ def logarithm() -> Claim:
     )
 
 
+def between() -> Claim:
+    g, lams = Geometry(math.pi / 2), [lam_of(rule, math.pi / 2) for rule in (rules.psm, rules.lispsm, rules.ssm)]
+    near, far = ([float(g.error("p", lam, 0.0, z)) for lam in lams] for z in (NEAR, FAR))
+    return Claim(
+        "between",
+        "WI, LiSPSM optimal choice",
+        "LiSPSM's dp/ds lies between uniform and perspective",
+        verdict(near[0] < near[1] < near[2] and far[0] > far[1] > far[2]),
+        ", ".join(f"{a:.2f} to {b:.2f} for {n}" for a, b, n in zip(near, far, ("PSM", "LiSPSM", "none"), strict=True)),
+        "E_p from z = n to z = f on the view axis, theta = 90 deg",
+    )
+
+
+def lispsm_against_psm() -> Claim:
+    ratios = {}
+    for degrees in (90, 60, 45):
+        g = Geometry(degrees * DEGREE)
+        psm, lispsm = (g.worst("p", lam_of(rule, degrees * DEGREE)) for rule in (rules.psm, rules.lispsm))
+        ratios[degrees] = psm / lispsm
+    return Claim(
+        "lispsm_psm",
+        "WI, error comparison",
+        "LiSPSM's error is much lower than PSM's for the same depth range",
+        verdict(min(ratios.values()) > 5),
+        "max E_p of PSM over LiSPSM's: " + ", ".join(f"{r:.1f} at {d}" for d, r in ratios.items()),
+        "theta = 90, 60, 45 deg, over V",
+    )
+
+
+def lispsm_across() -> Claim:
+    g = Geometry(math.pi / 2)
+    psm, lispsm = (g.worst("q", lam_of(rule, math.pi / 2)) for rule in (rules.psm, rules.lispsm))
+    return Claim(
+        "dp_dt",
+        "WI, error comparison",
+        "dp/dt ~ 1 for PSM, slightly worse for LiSPSM",
+        verdict(lispsm / psm < 2),
+        f"max E_q: {psm:.3f} and {lispsm:.3f}, {lispsm / psm:.2f} times as much",
+        "theta = 90 deg, over V",
+        "E_q(n) = 2 f lambda / (n (f - n + lambda)): 2 at lambda = n, 2 sqrt(f / n) at LiSPSM's",
+    )
+
+
 def _storage(degrees: float) -> float:
     """Spread of max E_p max E_q over lambda from PSM's to the optimum's."""
     g = Geometry(degrees * DEGREE)
@@ -48,12 +91,16 @@ def _storage(degrees: float) -> float:
 def storage_factor() -> Claim:
     spread = {d: _storage(d) for d in (90, 60, 45)}
     constant = {d: v < EXACT for d, v in spread.items()}
+    overhead = Geometry(math.pi / 2)
+    value = overhead.worst("p", 5.0) * overhead.worst("q", 5.0)
+    closed = 2 * (FAR - NEAR) / (NEAR * overhead.tan)
     return Claim(
         "storage",
         "WI, error comparison",
         "the storage factor is constant for n between z_n and n_opt",
-        verdict(all(constant.values()), constant[90]),
-        ", ".join(f"it varies by {100 * v:.2g} % at {d}" for d, v in spread.items()),
+        verdict(all(constant.values()), constant[90] and abs(value / closed - 1) < EXACT),
+        f"2 (f - n) / (n tan(phi)) = {value:.1f} at 90; it varies by "
+        + ", ".join(f"{100 * v:.2g} % at {d}" for d, v in spread.items()),
         "max E_p max E_q over V, lambda from n a to the optimum",
         "overhead, max E_p = E_p(f) ~ (lambda + mu) / lambda and max E_q = E_q(n) ~ its inverse; elsewhere z_w of "
         "the lower near corner is not lambda",
@@ -109,6 +156,36 @@ def no_perspective_aliasing_when_parallel() -> Claim:
     )
 
 
+def only_worsens() -> Claim:
+    g, least = Geometry(0.0), math.inf
+    for metric in ("p", "q", "pxq"):
+        worst = [g.worst(metric, lam * g.mu) for lam in np.geomspace(1e-3, 10, 17)]
+        least = min(least, min(worst) / g.worst(metric, math.inf))
+    gain = (g.map("p", g.mu) / g.map("p", math.inf)).min()
+    return Claim(
+        "only_worsens",
+        "SC 4.4",
+        "for parallel light and view a warp can only worsen the quality",
+        verdict(least > 1),
+        f"the largest error is at least {least:.4f} times no warp's; single points gain, to {gain:.2f} times",
+        "theta = 0; E_p, E_q, E_pxq; lambda / mu from 1e-3 to 10, and 1 for the points",
+    )
+
+
+def converges_to_uniform() -> Claim:
+    degrees = np.array([5.0, 1.0, 0.1])
+    ratios = [Geometry(d * DEGREE).worst("p", lam_of(rules.lispsm, d * DEGREE)) for d in degrees]
+    ratios = [r / Geometry(d * DEGREE).worst("p", math.inf) for r, d in zip(ratios, degrees, strict=True)]
+    return Claim(
+        "converges",
+        "SC 4.4, figure 11",
+        "for near parallel light and view LiSPSM converges to uniform shadow mapping",
+        verdict(bool((np.diff(np.abs(np.array(ratios) - 1)) < 0).all()) and abs(ratios[-1] - 1) < 0.01),
+        "max E_p over no warp's: " + ", ".join(f"{r:.3f} at {d:g}" for r, d in zip(ratios, degrees, strict=True)),
+        "theta = 5, 1, 0.1 deg, over V",
+    )
+
+
 def strength_falls_with_the_angle() -> Claim:
     degrees = np.array([90, 75, 60, 45, 30, 15, 5, 2.0])
     lispsm = np.array([lam_of(rules.lispsm, d * DEGREE) for d in degrees])
@@ -159,10 +236,15 @@ def smaller_extent() -> Claim:
 CHECKS = (
     n_opt,
     logarithm,
+    between,
+    lispsm_against_psm,
+    lispsm_across,
     storage_factor,
     best_when_perpendicular,
     most_aliasing_when_perpendicular,
     no_perspective_aliasing_when_parallel,
+    only_worsens,
+    converges_to_uniform,
     strength_falls_with_the_angle,
     scherzers_apex,
     smaller_extent,

@@ -25,6 +25,53 @@ def lispsm_is_minimal() -> Claim:
     )
 
 
+def equal_ends() -> Claim:
+    ratios = {}
+    for degrees in (90, 60, 30):
+        lam, g = lam_of(rules.lispsm, degrees * DEGREE), Geometry(degrees * DEGREE)
+        ratios[degrees] = float(g.error("p", lam, 0.0, NEAR) / g.error("p", lam, 0.0, FAR))
+    equal = {d: abs(r - 1) < EXACT for d, r in ratios.items()}
+    return Claim(
+        "equal_ends",
+        "VN 2.1",
+        "(n + sqrt(f n)) / sin(theta) makes E_p equal at both ends of the view axis, about so if not overhead",
+        verdict(all(equal.values()), equal[90]),
+        "near over far: " + ", ".join(f"{r:.2f} at {d}" for d, r in ratios.items()),
+        "theta = 90, 60, 30 deg",
+        "for a light overhead; not nearly so at 30 deg",
+    )
+
+
+def ends_of_lambda() -> Claim:
+    g, far_away, off = Geometry(60 * DEGREE), 1e12, 0.0
+    for metric in ("p", "q", "pxq"):
+        off = max(off, relative(g.map(metric, far_away), g.map(metric, math.inf)))
+    psm = lam_of(rules.psm, math.pi / 2)
+    return Claim(
+        "ends",
+        "AT09 2.1, WI (free parameter n)",
+        "lambda = inf is no warp; lambda = n, for a light overhead, is PSM",
+        verdict(off < EXACT and abs(psm / NEAR - 1) < EXACT and g.a > 0),
+        f"errors at lambda = 1e12 within {off:.0e} of no warp's; PSM's lambda is {psm:.6f}",
+        "theta = 60 deg over V; 90 deg",
+    )
+
+
+def psm_near_the_eye() -> Claim:
+    g = Geometry(math.pi / 2)
+    lams = (rules.psm, rules.lispsm, rules.tsm, rules.ssm)
+    near, far = ([float(g.error("p", lam_of(r, math.pi / 2), 0.0, z)) for r in lams] for z in (NEAR, FAR))
+    return Claim(
+        "psm_near",
+        "VN 1.3, AT09 2.5, WI (PSM)",
+        "PSM is good near the viewer, and very bad far away",
+        verdict(near[0] == min(near) and far[0] == max(far) and far[0] > 5 * sorted(far)[-2]),
+        f"E_p of PSM, LiSPSM, TSM and no warp: {', '.join(f'{v:.2f}' for v in near)} at z = n, "
+        f"{', '.join(f'{v:.2f}' for v in far)} at z = f",
+        "theta = 90 deg, view axis",
+    )
+
+
 def psm_distribution() -> Claim:
     g, z = Geometry(math.pi / 2), np.geomspace(1, 100, 50)
     lam = lam_of(rules.psm, math.pi / 2)
@@ -94,6 +141,57 @@ def tsm_below() -> Claim:
         verdict(off < EXACT),
         f"off by at most {off:.0e}",
         "theta = 5, 15, 29 deg; (kappa, xi) = (0.5, 0.8), (0.3, 0.9)",
+    )
+
+
+def tsm_simplified() -> Claim:
+    g = Geometry(15 * DEGREE)
+    r = g.sin / g.cos / g.tan
+    offs = [
+        _maps_focus((2 * FAR - (FAR - NEAR) * r * extra) / (5 * (FAR - NEAR) * r + 6 * FAR) * g.mu, g, 0.5, 0.8)
+        for extra in (g.mu, 1.0)
+    ]
+    return Claim(
+        "tsm_simplified",
+        "VN 2.2, theta <= phi",
+        "(16) simplified for kappa = 0.5, xi = 0.8 maps the focus point to s = xi",
+        verdict(abs(offs[0]) < EXACT),
+        f"as printed s = xi {offs[0]:+.3f}; without the mu inside, xi {offs[1]:+.0e}",
+        "theta = 15 deg",
+        "(16) has no mu inside the numerator, where lambda would not scale as a length",
+    )
+
+
+def focus_along_the_view() -> Claim:
+    """The focus region covers depths 1/4 to 3/4 of W, and half of V's width."""
+    lam = lam_of(rules.tsm, 0.0) / Geometry(0.0).mu
+    s = [(lam + 1) * depth / (lam + depth) for depth in (0.25, 0.75)]
+    widths = [lam / (lam + depth) / 2 for depth in (0.25, 0.75)]
+    share = sum(widths) / 2 * (s[1] - s[0])
+    return Claim(
+        "focus_zero",
+        "VN 3",
+        "at theta = 0 TSM warps the focus region into very few texels",
+        verdict(share < 0.25 / 2),
+        f"{share:.4f} of the map, for 0.25 without a warp",
+        "kappa = 0.5, xi = 0.8, f/n without bound",
+    )
+
+
+def area_is_bounded() -> Claim:
+    lam = np.geomspace(1e-3, 1e6, 200)[:, None]
+    m = np.linspace(1 / 3, 1 / 2, 50)  # VN's a: the middle of the focus region
+    h1 = m / 2
+    h2 = m - h1 / 2
+    gain = lam**2 * (lam + 1) * (lam + m) / ((lam + h2) * (lam + h1 + h2)) ** 2
+    good = gain.max() <= 1 + EXACT
+    return Claim(
+        "area_bound",
+        "VN 3",
+        "the focus region's area is largest without a warp if its middle lies at a >= 1/3",
+        verdict(good and bool((gain.argmax(0) == len(lam) - 1).all())),
+        f"at most {gain.max():.6f} of that without a warp",
+        "lambda / mu from 1e-3 to 1e6, a from 1/3 to 1/2, h1 = a / 2",
     )
 
 
@@ -178,12 +276,18 @@ def minimum_norm_is_equal() -> Claim:
 
 CHECKS = (
     lispsm_is_minimal,
+    equal_ends,
+    ends_of_lambda,
+    psm_near_the_eye,
     psm_distribution,
     ssm_distribution,
     tsm_above,
     tsm_below,
+    tsm_simplified,
     tsm_along_the_view,
+    focus_along_the_view,
     alternative_area,
+    area_is_bounded,
     alternative_vanishes,
     only_the_ratio_counts,
     minimum_norm_is_equal,

@@ -17,7 +17,7 @@ from pathlib import Path
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 
 import numpy as np
-from provenance import provenance, sentence, write_section
+from provenance import markdown_table, provenance, sentence, write_section
 
 import warpopt
 from warpopt.export.closed_form import closed_form_source
@@ -99,11 +99,11 @@ def measure(program: Path, count: int, repeats: int) -> dict[str, float]:
 
 
 def table(measured: dict[str, dict[str, float]]) -> str:
-    lines = [f"| in C | {' | '.join(_METHODS)} |", "|---|" + "---|" * len(_METHODS)]
-    for compiler, times in measured.items():
-        cells = (f"{ns:.3g} ns ({ns / times[_BASE]:.2g})" for ns in times.values())
-        lines.append(f"| {compiler} -O2 | {' | '.join(cells)} |")
-    return "\n".join(lines)
+    rows = (
+        [f"{compiler} -O2", *(f"{ns:.3g} ns ({ns / times[_BASE]:.2g})" for ns in times.values())]
+        for compiler, times in measured.items()
+    )
+    return markdown_table(("in C", *_METHODS), rows)
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ os.environ.setdefault("JAX_ENABLE_X64", "1")
 import jax
 import jax.monitoring
 import numpy as np
-from provenance import provenance, sentence, write_section
+from provenance import markdown_table, provenance, sentence, write_section
 from runtime_vs_error import frustum_of, problems, seconds
 from scene_receivers import landscape
 
@@ -150,9 +150,8 @@ def count_compilations(words: list[str]) -> None:
 
 
 def table(savings: list[dict]) -> str:
-    lines = ["| what | without | with | unit | how |", "|---|---|---|---|---|"]
-    lines += [f"| {s['saving']} | {s['without']:.4g} | {s['with']:.4g} | {s['unit']} | {s['how']} |" for s in savings]
-    return "\n".join(lines)
+    rows = ((s["saving"], f"{s['without']:.4g}", f"{s['with']:.4g}", s["unit"], s["how"]) for s in savings)
+    return markdown_table(("what", "without", "with", "unit", "how"), rows)
 
 
 def main(words: list[str] | None = None) -> None:

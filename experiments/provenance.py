@@ -4,6 +4,7 @@ import datetime
 import os
 import platform
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 import jax
@@ -28,6 +29,16 @@ def sentence(summary: dict) -> str:
     machine, versions = summary["machine"], summary["versions"]
     device = "" if "cpu" in machine["device"].lower() else f", {machine['device']}"
     return f"{summary['date']}, {machine['cores']} cores of {machine['processor']}{device}, JAX {versions['jax']}"
+
+
+def markdown_table(heads: Iterable[str], rows: Iterable[Iterable]) -> str:
+    """A table; floats to three digits."""
+    heads = list(heads)
+    lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
+    for row in rows:
+        cells = (f"{v:.3g}" if isinstance(v, float) else str(v) for v in row)
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def write_section(page: Path, name: str, text: str) -> None:

@@ -24,7 +24,7 @@ import numpy as np
 import optimistix as optx
 from matplotlib.figure import Figure
 from peers import dense_grid, general_minimiser, scipy_one_at_a_time, scipy_vectorised
-from provenance import provenance, sentence, write_section
+from provenance import markdown_table, provenance, sentence, write_section
 from reference import Problem
 
 import warpopt
@@ -190,31 +190,28 @@ def performance(rows: list[dict], summary: dict) -> str:
     shown |= {"SciPy elementwise.find_minimum": "SciPy find_minimum, vectorised", "optimistix BFGS": "optimistix BFGS"}
     shown["SciPy minimize_scalar, one at a time"] = "SciPy minimize_scalar, one at a time"
     combinations = [("p", "inf", "screen"), ("p", "l2", "screen"), ("pxq", "l2", "screen")]
-    lines = [
-        "| method | " + " | ".join(f"E_{m} {n}: time, error" for m, n, _ in combinations) + " |",
-        "|---|---|---|---|",
-    ]
-    times: dict[tuple, float] = {}
+    lines, times = [], {}
     for method, name in shown.items():
-        cells = []
+        cells = [name]
         for key in combinations:
             found = [r for r in rows if r["method"] == method and (r["metric"], r["norm"], r["measure"]) == key]
             if found:
                 best = min(found, key=lambda r: r["eta_error_median"])
                 unit = times.setdefault(key, best["ns_per_solve"])
                 cells.append(f"{best['ns_per_solve'] / unit:,.0f}, {best['eta_error_median']:.0e}")
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+        lines.append(cells)
+    heads = ("method", *(f"E_{m} {n}: time, error" for m, n, _ in combinations))
     own = ", ".join(f"{times[key]:.0f}" for key in combinations if key in times)
-    return "\n".join(lines) + (
+    return markdown_table(heads, lines) + (
         f"\n\nTime per solve over warpopt's ({own} ns), and median relative error of eta, on random problems"
         f"\nwith f/n up to 1e4. {sentence(summary)}."
     )
 
 
 def targets_table(summary: dict) -> str:
-    lines = ["| what | measured | target | how |", "|---|---|---|---|"]
-    lines += [f"| {k} | {t['measured']:.4g} | {t['target']} | {t['how']} |" for k, t in summary["targets"].items()]
-    return "\n".join(lines) + f"\n\nBatches of {summary['batch']:,}. {sentence(summary)}."
+    rows = ((k, f"{t['measured']:.4g}", t["target"], t["how"]) for k, t in summary["targets"].items())
+    text = markdown_table(("what", "measured", "target", "how"), rows)
+    return f"{text}\n\nBatches of {summary['batch']:,}. {sentence(summary)}."
 
 
 def main(words: list[str] | None = None) -> None:

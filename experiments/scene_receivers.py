@@ -18,10 +18,11 @@ os.environ.setdefault("JAX_ENABLE_X64", "1")
 import jax
 import jax.numpy as jnp
 import numpy as np
-from provenance import provenance, sentence, write_section
+from provenance import markdown_table, provenance, sentence, write_section
 from runtime_vs_error import seconds
 
 import warpopt
+from warpopt.receivers.depth_buffer import eye_points
 
 
 def camera_of(dtype=np.float64) -> warpopt.Camera:
@@ -121,7 +122,8 @@ def histogram_regrets(height: int, width: int) -> list[dict]:
         edges = np.geomspace(z[z > 0].min() * (1 - 1e-12), z.max() * (1 + 1e-12), 65)
         histogram = warpopt.DepthHistogram(edges, np.histogram(z[z > 0], edges)[0])
         everything = warpopt.WholeFrustum("screen")
-        pixels = _eye_points(camera, z)[z > 0]
+        points, seen = eye_points(buffer, camera)
+        pixels = points[seen]
         for metric, norm in (("p", "l2"),) if small else (("p", "l2"), ("pxq", "l2")):
             worst = {"histogram": 0.0, "whole frustum": 0.0, "no warp": 0.0}
             for direction in lights:
@@ -134,14 +136,6 @@ def histogram_regrets(height: int, width: int) -> list[dict]:
                     worst[name] = max(worst[name], float(value / own.value - 1))
             rows.append({"roughness": roughness, "objective": f"E_{metric} {norm}", **worst})
     return rows
-
-
-def _eye_points(camera: warpopt.Camera, z: np.ndarray) -> np.ndarray:
-    left, right, bottom, top = np.asarray(camera.window)
-    height, width = z.shape
-    x = left + (right - left) * (np.arange(width) + 0.5) / width
-    y = top - (top - bottom) * (np.arange(height) + 0.5) / height
-    return np.stack(np.broadcast_arrays(x[None, :] * z, y[:, None] * z, z), -1)
 
 
 def _value_of(own, pixels, metric: str, other) -> float:
@@ -171,10 +165,7 @@ def body_times() -> list[dict]:
 
 
 def table(rows: list[dict]) -> str:
-    heads = list(rows[0])
-    lines = ["| " + " | ".join(h.replace("_", " ") for h in heads) + " |", "|" + "---|" * len(heads)]
-    cells = ([f"{v:.3g}" if isinstance(v, float) else str(v) for v in row.values()] for row in rows)
-    return "\n".join(lines + ["| " + " | ".join(c) + " |" for c in cells])
+    return markdown_table((head.replace("_", " ") for head in rows[0]), (row.values() for row in rows))
 
 
 def main(words: list[str] | None = None) -> None:

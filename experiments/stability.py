@@ -30,7 +30,7 @@ import mpmath as mp
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from provenance import provenance, sentence, write_section
+from provenance import markdown_table, provenance, sentence, write_section
 from reference import Problem
 
 import warpopt
@@ -324,17 +324,17 @@ def report(summary: dict) -> str:
         f"compared with 50-digit references; ulp and eps are each dtype's own. {sentence(summary)}.",
         "",
     ]
-    lines += ["| figure | target | float64 | float32 |", "|---|---|---|---|"]
-    for name, target in TARGETS.items():
-        cells = [f"{summary['worst'][dtype].get(name, float('nan')):.3g}" for dtype in ("float64", "float32")]
-        lines.append(f"| {name} | {target} | {cells[0]} | {cells[1]} |")
-    conditions = {d: summary["worst"][d].get("largest_condition", float("nan")) for d in ("float64", "float32")}
+    dtypes = ("float64", "float32")
+    figures = ([float(summary["worst"][d].get(name, "nan")) for d in dtypes] for name in TARGETS)
+    rows = ([name, str(target), *of] for (name, target), of in zip(TARGETS.items(), figures, strict=True))
+    lines.append(markdown_table(("figure", "target", *dtypes), rows))
+    conditions = {d: summary["worst"][d].get("largest_condition", float("nan")) for d in dtypes}
     lines += [
         "",
         f"Largest condition number of E at (y, z): {conditions['float64']:.3g}, {conditions['float32']:.3g}.",
         "",
     ]
-    lines += ["### Known limits", "", "| what | why |", "|---|---|", *(f"| {a} | {b} |" for a, b in KNOWN_LIMITS)]
+    lines += ["### Known limits", "", markdown_table(("what", "why"), KNOWN_LIMITS)]
     lines += ["", "### Known defects", ""]
     lines += [f"- {d}" for d in summary["defects"]] or ["None."]
     return "\n".join(lines) + "\n"

@@ -15,7 +15,7 @@ from pathlib import Path
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 
 import numpy as np
-from provenance import provenance, sentence, write_section
+from provenance import markdown_table, provenance, sentence, write_section
 
 import warpopt
 
@@ -55,14 +55,13 @@ def main(words: list[str] | None = None) -> None:
                      f"{table.achieved:.3g}", plain, f"{took:.0f}"))  # fmt: skip
         print(*rows[-1], flush=True)
     head = ("objective", "over", "rows", "knots a row", "bytes", "largest regret", "plain entries", "built in s")
-    lines = [f"| {' | '.join(map(str, row))} |" for row in (head, ["---"] * len(head), *rows)]
     summary = provenance()
-    text = "\n".join([*lines, "", f"Promised: 0.001; half field of view 30 degrees, f/n = 100. {sentence(summary)}."])
+    words = f"Promised: 0.001; half field of view 30 degrees, f/n = 100. {sentence(summary)}."
     arguments.directory.mkdir(parents=True, exist_ok=True)
     content = summary | {"tables": [dict(zip(head, row, strict=True)) for row in rows]}
     (arguments.directory / "sizes.json").write_text(json.dumps(content, indent=1) + "\n")
     if arguments.page:
-        write_section(arguments.page, "table sizes", text)
+        write_section(arguments.page, "table sizes", f"{markdown_table(head, rows)}\n\n{words}")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from pathlib import Path
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 
 import numpy as np
-from provenance import write_section
+from provenance import markdown_table, write_section
 
 import warpopt
 
@@ -52,21 +52,21 @@ def words(stretches: list[tuple[float, float]]) -> str:
 
 
 def table(rows: list[dict]) -> str:
-    worst = "worst over the optimum's: TSM | alternative | no warp"
-    lines = [f"| f/n | phi | E | alternative: no warp | alternative better | TSM better | {worst} |", "|" + "---|" * 9]
+    heads = ("f/n", "phi", "E", "alternative: no warp", "alternative better", "TSM better")
+    cells = []
     for row in rows:
         for metric in METRICS:
             one = row[metric]
-            worst = " | ".join(f"{one['worst'][name]:.3g}" for name in ("tsm", "alternative", "no warp"))
-            no_warp = words(row["alternative: no warp"])
-            better = f"{words(one['alternative better'])} | {words(one['tsm better'])}"
-            lines.append(f"| {row['f/n']:g} | {row['phi']:g} | E_{metric} | {no_warp} | {better} | {worst} |")
+            ranges_of = (row["alternative: no warp"], one["alternative better"], one["tsm better"])
+            worst = (one["worst"][name] for name in ("tsm", "alternative", "no warp"))
+            cells.append([f"{row['f/n']:g}", f"{row['phi']:g}", f"E_{metric}", *map(words, ranges_of), *worst])
     always = all(not row["tsm: no warp"] and not row["tsm: undefined"] for row in rows)
-    lines += ["", "Angles in degrees, L-inf over V. " + (
-        "TSM's first rule warps everywhere here, at theta = 0 too, where no warp is the best." if always
+    text = markdown_table((*heads, "worst over the optimum's: TSM", "alternative", "no warp"), cells)
+    return f"{text}\n\nAngles in degrees, L-inf over V. " + (
+        "TSM's first rule warps everywhere here, at theta = 0 too, where no warp is the best."
+        if always
         else "TSM's first rule has directions without a warp here."
-    )]  # fmt: skip
-    return "\n".join(lines)
+    )
 
 
 def main() -> None:

@@ -18,6 +18,7 @@ import warpopt
 from warpopt.app import cli, compare, compare_figures
 from warpopt.app.compare_config import CompareConfig, RuleName, read_compare_config
 from warpopt.app.compare_report import intervals_text, rule_title
+from warpopt.compare.peaks import peaks
 from warpopt.compare.regions import regions
 from warpopt.compare.rule_set import KNOWN
 
@@ -166,9 +167,11 @@ def test_where_rules_are_undefined_or_give_no_warp(comparison):
 def test_worst_mean_and_ranking(comparison):
     i = comparison.names.index("lispsm")
     ratio = comparison.ratio[i]
-    worst, at = comparison.worst("lispsm")
-    assert (worst, at) == (ratio.max(), int(ratio.argmax()))
-    assert worst == pytest.approx(1.79, abs=0.005)
+    worst = comparison.worst("lispsm")
+    assert worst.ratio == pytest.approx(ratio.max(), rel=1e-9)  # a kink, which is one of the directions
+    assert worst.ratio == pytest.approx(1.79, abs=0.005)
+    assert worst.index == ratio.argmax()
+    assert worst.theta == pytest.approx(PHI, rel=1e-9)
     mean = np.trapezoid(ratio, THETA) / (THETA[-1] - THETA[0])
     assert comparison.mean("lispsm") == pytest.approx(mean, rel=8 * EPS)
     ranking = comparison.ranking()
@@ -176,7 +179,55 @@ def test_worst_mean_and_ranking(comparison):
     assert [comparison.mean(name) for name in ranking] == sorted(map(comparison.mean, ranking))
     nowhere = dataclasses.replace(comparison, values=np.full_like(comparison.values, np.nan))
     assert np.isnan(nowhere.mean("lispsm"))
-    assert nowhere.worst("lispsm")[1] == -1
+    assert nowhere.worst("lispsm").index == -1
+
+
+def test_the_worst_is_found_between_the_directions(comparison):
+    """Seven directions, none near; what is there is `error_norm` over the optimum, and no denser sweep has more."""
+    for name in ("tsm_alternative", "veloren", "lispsm_paper"):
+        worst = comparison.worst(name)
+        theta = np.r_[worst.theta, np.linspace(THETA[2], THETA[4], 99)]
+        warp = KNOWN[name](FRUSTUM, theta)
+        ratio = warpopt.error_norm(FRUSTUM, theta, warp) / warpopt.optimal_warp(FRUSTUM, theta).value
+        ratio = np.where(warp.defined, ratio, 0)
+        assert worst.ratio == pytest.approx(ratio[0], rel=64 * EPS)
+        assert worst.ratio >= ratio.max() * (1 - 64 * EPS)
+        assert worst.ratio > 1.005 * np.nanmax(comparison.ratio[comparison.names.index(name)])
+        assert comparison.theta[worst.index] == pytest.approx(PHI)
+
+
+def test_what_has_no_bound_is_infinite_with_its_place(comparison):
+    """lambda vanishes there: PSM's n a at phi, minimum_norm's f a + 10 sin(theta) at 110 tan(theta) = 100 tan(phi)."""
+    places = {"psm": PHI, "minimum_norm": math.atan(100 * math.tan(PHI) / 110)}
+    for name, place in places.items():
+        for over in ("optimum", "limit"):
+            ratio, theta, _ = comparison.worst(name, over)
+            assert ratio == math.inf
+            assert theta == pytest.approx(place, rel=1e-9)
+        assert np.isnan(comparison.mean(name))
+    bounded = [name for name in comparison.names if np.isfinite(comparison.worst(name).ratio)]
+    assert set(comparison.names) - set(bounded) == {*places, "osg_lispsm_corrected"}
+    assert all(np.isfinite(comparison.worst(name, "limit").ratio) for name in bounded)
+
+
+def test_peaks_of_known_functions():
+    """A kink, a jump, a smooth peak, poles of order 1 and 1/2 far from the grid's largest; nothing, a constant."""
+    theta = np.array([0.0, 1.0, 2.0, 3.0])
+
+    def at(t):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            poles = [np.where(t > 1.3, (t - 1.3) ** -order / 100 + t, np.nan) for order in (1.0, 0.5)]
+        kink, jump = 5 - np.abs(t - 1.7), np.where(t < 1.7, t, 0.5)
+        return np.stack([kink, jump, 9 - (t - 2.2) ** 2, *poles, np.full_like(t, np.nan), np.ones_like(t)])
+
+    kink, jump, smooth, *poles, nothing, constant = peaks(theta, at(theta), at)
+    assert kink == pytest.approx((5, 1.7), rel=1e-9)
+    assert jump == pytest.approx((1.7, 1.7), rel=1e-9)
+    assert smooth == (pytest.approx(9, rel=1e-11), pytest.approx(2.2, rel=1e-5))
+    assert poles == [(math.inf, pytest.approx(1.3, rel=1e-9))] * 2
+    assert np.isnan(nothing).all()
+    assert constant == (1, 0)
+    assert peaks(theta[:1], at(theta[:1]), at)[2] == (9 - 2.2**2, 0)
 
 
 def test_a_users_rule_is_a_rule(comparison):
@@ -254,12 +305,28 @@ def test_the_table_and_the_record_say_what_the_library_says(written, comparison)
     assert lispsm["regions_deg"]["worse"] == [list(np.rad2deg(comparison.regions["worse"]["lispsm"][0]))]
     assert lispsm["mean_over_optimum"] == comparison.mean("lispsm")
     assert told[0]["rules"]["psm"]["over_optimum"][0] is None
+    peak, psm = lispsm["worst_over_limit"], told[0]["rules"]["psm"]["worst_over_optimum"]
+    assert (peak["ratio"], math.radians(peak["theta_deg"])) == pytest.approx(comparison.worst("lispsm", "limit")[:2])
+    assert (psm["ratio"], psm["unbounded"], psm["theta_deg"]) == (None, True, pytest.approx(30.0, rel=1e-9))
+    assert told[1]["rules"]["lispsm"]["worst_over_limit"] is None
+    with (out / "ranking.csv").open() as file:
+        ranked = [row for row in csv.DictReader(file) if row["metric"] == "p"]
+    assert [row["rule"] for row in ranked] == comparison.order()
+    assert [row["place"] for row in ranked] == [str(k) for k in range(1, 15)] + [""] * 4
+    for row in ranked:
+        worst = comparison.worst(row["rule"], "limit")
+        assert float(row["worst_over_limit"]) == worst.ratio
+        assert float(row["at_theta_deg_over_limit"]) == np.rad2deg(worst.theta)
 
 
 def test_the_report_ranks_in_words(written, comparison):
     text = (written / "out/report.md").read_text()
     assert "LiSPSM is worse than no warp for 0 to 7.133 deg." in text
-    assert "PSM is worse than no warp for 30 to 90 deg and yields no lambda > 0 for 0 to 30 deg." in text
+    psm = "PSM is worse than no warp for 30 to 90 deg, yields no lambda > 0 for 0 to 30 deg"
+    assert f"{psm} and loses without bound towards 30 deg." in text
+    assert "| 2.99 | 29.58 deg |" in text  # Veloren's, between two directions
+    assert "| - | unbounded | 30 deg | unbounded | 30 deg |" in text
+    assert "Of the rules " in text
     assert f"**{rule_title(comparison.ranking()[0])}** is best on average: " in text
     assert f"| 1 | {rule_title(comparison.ranking()[0])} | " in text
     assert "![map](map.png)" in text
@@ -274,7 +341,12 @@ def test_every_rule_has_a_name_in_the_configuration_and_for_people():
 def test_figures_are_drawn_and_written(written, comparison):
     out = written / "out"
     assert (out / "map.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-    assert not (out / "curves.png").exists()  # 18 rules are too many
+    assert (out / "curves.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    every = compare_figures.curves_figure([compare.Compared("p", "inf", None, comparison)]).axes[0]
+    shown = {text.get_text() for text in every.texts}
+    assert {"tenth", "no warp", rule_title(comparison.ranking()[0])} <= shown
+    thin = [line for line in every.lines if line.get_linewidth() < 1 and line.get_label().startswith("rule ")]
+    assert len(thin) == len(comparison.names) - 3
     names = ("tsm_alternative", "tenth")
     rows = [comparison.names.index(name) for name in names]
     fewer = {field: getattr(comparison, field)[rows] for field in ("eta", "defined", "values")}

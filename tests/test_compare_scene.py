@@ -134,7 +134,7 @@ def test_rules_are_applied_to_the_receivers_and_a_users_keeps_its_apex(boxed, ve
 def test_a_body_that_is_the_frustum_gives_the_frustum_s_warps():
     frustum, theta = warpopt.ViewFrustum(1.0, 100.0, PHI), np.deg2rad(np.array([35.0, 120.0]))
     space = warpopt.LightSpace(frustum, jnp.asarray(theta))
-    whole = Body(frustum.near, frustum.far, frustum.half_fov, space.minimum_depth, space.mu)
+    whole = Body(frustum.near, frustum.far, frustum.half_fov, space.minimum_depth, space.mu, frustum.near)
     every = [rule for name, rule in KNOWN.items() if name != "tsm_alternative"]  # which is of the frustum alone
     pairs = jax.jit(lambda: [[rule(body, theta) for body in (whole, frustum)] for rule in every])()
     for got, expected in pairs:
@@ -156,14 +156,14 @@ def test_rules_are_told_the_nearest_and_farthest_depth_that_is_seen(receivers, n
     extent = types.SimpleNamespace(start=3.0, mu=20.0)
     body = scene_comparison._body(ahead, receivers, extent, warpopt.ViewFrustum(1.0, 100.0, 0.45))
     assert (float(body.near), float(body.far)) == (pytest.approx(near, rel=4 * EPS), pytest.approx(far, rel=4 * EPS))
-    assert (body.start, body.mu, float(body.half_fov)) == (3.0, 20.0, 0.45)
+    assert (body.start, body.mu, float(body.half_fov), float(body.camera_near)) == (3.0, 20.0, 0.45, 1.0)
 
 
 def test_an_empty_scene_and_bad_lights():
     away = warpopt.ConvexBody.box((-1, -1, 10), (1, 1, 20))  # behind the camera
     result = warpopt.compare_scene_rules(CAMERA, lights_of(LIGHTS), away, RULES, "pxq")
     assert np.isnan(result.ratio).all()
-    assert result.worst("lispsm_paper")[1] == -1
+    assert result.worst("lispsm_paper").index == -1
     with pytest.raises(ValueError, match="lights: got"):
         warpopt.compare_scene_rules(CAMERA, warpopt.DirectionalLight((0, -1, 0)), BODY)
 
@@ -197,6 +197,14 @@ def test_the_command_over_a_box(tmp_path, monkeypatch, boxed):
         ratios = np.array(told["rules"][name]["over_optimum"], float)  # None is NaN
         np.testing.assert_allclose(ratios, boxed.ratio[i], rtol=1e-12)
         assert told["rules"][name]["regions_deg"] is None
+    with Path("out/ranking.csv").open() as file:
+        ranked = {row["rule"]: row for row in csv.DictReader(file)}
+    for name, row in ranked.items():  # of the lights given: nothing lies between them
+        worst = boxed.ratio[boxed.names.index(name)]
+        assert int(row["at_light_over_optimum"]) == np.nanargmax(worst)
+        assert float(row["worst_over_optimum"]) == pytest.approx(np.nanmax(worst), rel=1e-12)
+        assert row["worst_over_limit"] == row["at_light_over_limit"] == ""  # no limit of E_pxq is known
+    assert list(ranked) == boxed.order()
     report = Path("out/report.md").read_text()
     assert "applied as engines apply them" in report
     assert "PSM is worse" in report or "PSM yields no lambda > 0 for light" in report

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scenes
+from pages import same_to_the_digits, section
 from twin import mp, mpf
 
 import warpopt
@@ -264,6 +265,16 @@ def test_filaments_second_distance_minimises_the_product_at_its_near_hint():
     assert float(nearer.lam) == pytest.approx(1 + np.sqrt(40 * 100), rel=1e-12)
 
 
+def test_filaments_hint_is_counted_from_the_cameras_near_plane():
+    """Over a body that begins at 10 before a camera whose near is 2: dzn = 50 - 2, zf - zn = 100 - 10."""
+    body = rules.Body(*jnp.array([10.0, 100.0, 0.5, 10.0, 90.0, 2.0]))
+    warp = rules.filament(body, np.pi / 2, near_hint=50.0)
+    first, second = 10 + np.sqrt(50 * 100), 48 / (2 - 3 * 48 / 90)
+    assert second > first
+    assert float(warp.lam) == pytest.approx(second, rel=1e-12)
+    assert bool(rules.filament(body, np.pi / 2, near_hint=62.0).no_warp)  # 3 * 60 = 2 * 90
+
+
 def test_tsm_of_engines_maps_its_depth_fraction_to_its_line():
     for rule, delta in ((rules.tsm_xray, 0.3), (rules.tsm_dagor, 0.52)):
         warp = rule(PAPER, 1.0)
@@ -274,12 +285,17 @@ def test_tsm_of_engines_maps_its_depth_fraction_to_its_line():
 def test_tsms_two_rules_each_have_their_range(monkeypatch):
     """docs/corrections.md: near the view direction the alternative, without a warp, is the better; near phi the other.
 
-    The alternative's no-warp range ends where (1 - z_k/f) tan(theta) = tan(phi)/3, on the experiment's grid.
+    The alternative's no-warp range ends where (1 - z_k/f) tan(theta) = tan(phi)/3, on the experiment's grid. The page
+    has the experiment's table.
     """
-    monkeypatch.setattr(sys, "path", [str(Path(__file__).parents[1] / "experiments"), *sys.path])
-    from tsm_rules import compare
+    root = Path(__file__).parents[1]
+    monkeypatch.setattr(sys, "path", [str(root / "experiments"), *sys.path])
+    import tsm_rules
 
-    row = compare(100.0, 30.0, count=301)
+    rows = [tsm_rules.compare(*view) for view in tsm_rules.VIEWS]
+    page = (root / "docs" / "corrections.md").read_text(encoding="utf-8")
+    assert same_to_the_digits(section(page, "tsm rules"), tsm_rules.table(rows))
+    row = rows[tsm_rules.VIEWS.index((100.0, 30.0))]
     assert row["tsm: no warp"] == row["tsm: undefined"] == row["alternative: undefined"] == []
     end = np.rad2deg(np.arctan(np.tan(scenes.PHI) / 3 / (1 - 50.5 / 100)))
     assert row["alternative: no warp"] == [(0.0, pytest.approx(end, abs=0.1))]

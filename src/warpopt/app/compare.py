@@ -16,7 +16,7 @@ import warpopt
 from warpopt.compare.rule_set import KNOWN, RuleError
 
 from .compare_config import CompareConfig, SceneCompareConfig
-from .compare_report import compare_report, rule_title
+from .compare_report import compare_report, ratio_text, rule_title
 from .config import ConfigError
 from .job import objectives
 from .record import environment, outcome_counts, progress_bar, timed, write_json, write_mark
@@ -97,6 +97,7 @@ def run_compare(
                 figures = write_compare_figures(compared, folder)
                 progress("figures")
         write_compare_table(compared, folder / "compare.csv")
+        write_ranking(compared, folder / "ranking.csv")
         write_json(folder / "compare.json", compare_record(config, compared, scene))
         (folder / "report.md").write_text(compare_report(config, compared, figures), encoding="utf-8")
         outcomes = outcome_counts([np.asarray(c.result.solution.result) for c in compared])
@@ -155,6 +156,29 @@ def write_compare_table(compared: list[Compared], path: Path) -> None:
                     writer.writerow([c.metric, c.norm, *where, name, *("" if v is None else v[k] for v in columns)])
 
 
+def write_ranking(compared: list[Compared], path: Path) -> None:
+    """One row for each objective and rule, in the ranking's order; "inf" for what is unbounded, empty for no number."""
+    scene = bool(compared) and compared[0].camera is not None
+    heads = ["metric", "norm", *(["camera"] if scene else []), "place", "rule", "mean_over_optimum"]
+    for over in ("optimum", "limit"):
+        heads += [f"worst_over_{over}", f"at_theta_deg_over_{over}", *([f"at_light_over_{over}"] if scene else [])]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(heads)
+        for c in compared:
+            ranking = c.result.ranking()
+            for place, name in enumerate(c.result.order(), 1):
+                row = [place if name in ranking else "", name, _cell(c.result.mean(name))]
+                for over in ("optimum", "limit"):
+                    ratio, theta, index = c.result.worst(name, over)
+                    row += [_cell(ratio), _cell(np.rad2deg(theta)), *([index if index >= 0 else ""] if scene else [])]
+                writer.writerow([c.metric, c.norm, *([c.camera] if scene else []), *row])
+
+
+def _cell(value: float) -> float | str:
+    return "" if math.isnan(value) else float(value)
+
+
 def _column(values: np.ndarray | None, i: int | None) -> list | None:
     if values is None:
         return None
@@ -190,7 +214,6 @@ def _objective(c: Compared) -> dict[str, Any]:
 
 
 def _rule(r: "warpopt.Comparison", i: int, name: str) -> dict[str, Any]:
-    worst, at = r.worst(name)
     regions = r.regions or {}
     return {
         "eta": _numbers(r.eta[i]),
@@ -200,11 +223,18 @@ def _rule(r: "warpopt.Comparison", i: int, name: str) -> dict[str, Any]:
         "over_limit": None if r.over_limit is None else _numbers(r.over_limit[i]),
         "worse_than_no_warp": r.worse[i].tolist(),
         "mean_over_optimum": finite_or_none(r.mean(name)),
-        "worst_over_optimum": finite_or_none(worst),
-        "worst_index": None if at < 0 else at,
-        "worst_theta_deg": None if at < 0 else float(np.rad2deg(r.theta[at])),
+        "worst_over_optimum": _worst(r, name, "optimum"),
+        "worst_over_limit": _worst(r, name, "limit"),
         "regions_deg": {kind: np.rad2deg(np.array(of[name])).tolist() for kind, of in regions.items()} or None,
     }
+
+
+def _worst(r: "warpopt.Comparison", name: str, over: str) -> dict[str, Any] | None:
+    worst = r.worst(name, over)
+    if worst.index < 0:
+        return None
+    place = {"theta_deg": float(np.rad2deg(worst.theta)), "nearest": worst.index}
+    return {"ratio": finite_or_none(worst.ratio), "unbounded": math.isinf(worst.ratio), **place}
 
 
 def _numbers(values: Any) -> list[float | None]:
@@ -216,9 +246,8 @@ def _summarise(console: Console, directory: Path, compared: list[Compared], fail
     table.add_column("rule")
     for c in compared:
         table.add_column(c.title, justify="right")
-    names = compared[0].result.names if compared else ()
-    for name in sorted(names, key=lambda n: np.nan_to_num(compared[0].result.mean(n), nan=np.inf)):
-        cells = (f"{c.result.mean(name):.3g}, {c.result.worst(name)[0]:.3g}" for c in compared)
+    for name in compared[0].result.order() if compared else ():
+        cells = (f"{ratio_text(c.result.mean(name))}, {ratio_text(c.result.worst(name).ratio)}" for c in compared)
         table.add_row(rule_title(name), *cells)
     if compared:
         console.print(table)
@@ -226,4 +255,4 @@ def _summarise(console: Console, directory: Path, compared: list[Compared], fail
         console.print("The sun is below the horizon all the time: there is nothing to compare.")
     if failures:
         console.print(f"{failures} problem(s) failed; compare.json tells which and why.", style="bold red")
-    console.print(f"Written: {directory}: report.md, compare.csv, compare.json, run.json", soft_wrap=True)
+    console.print(f"Written: {directory}: report.md, ranking.csv, compare.csv, compare.json, run.json", soft_wrap=True)

@@ -17,16 +17,21 @@ from .figures import save
 if TYPE_CHECKING:
     from .compare import Compared
 
-MOST_CURVES = 12
+MOST_CURVES = 24
 MOST_PANELS = 6
 _WORSE, _WORSE_INK = "#f6dfd6", "#a0522d"
 _YOURS = "#c2185b"
 _LIMIT = {"color": "black", "linewidth": 1.3, "linestyle": (0, (1, 1.4))}
-# Muted, so that the published rules and the user's own stand out; by brightness too.
-_ENGINE_COLOURS = (
-    "#7d5a4f", "#4f8a8b", "#a8963a", "#9b6b9e", "#5f7f4f", "#c08552", "#6b7fa8", "#b5838d", "#4a4e69", "#8fb08c",
+# For the few curves that matter, told apart without colour too; the rest is thin and grey.
+_LOOKS = (
+    ("#0072b2", "-"), ("#d55e00", (0, (6, 1.6))), ("#e8a200", (0, (1.6, 1.1))), ("#7b2d9b", (0, (6, 1.4, 1.4, 1.4))),
+    ("#00806a", (0, (9, 2, 3, 2))), ("#56b4e9", (0, (3, 1))),
 )  # fmt: skip
+_REST = {"color": "#b0b0b0", "linewidth": 0.9, "linestyle": "-", "zorder": 3}
+_REST_INK = "#7d7d7d"
+_CROWD = 8  # of more curves, thin ones are named only where there is room
 _LONGEST = 24  # letters of a rule's name
+_APART = 0.058  # of the axis: a line of letters
 _AT_EDGE = 0.9  # of the axis: curves that end beyond are named at its right
 _LEVELS = (1.0, 1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
 _SHADES = ("#f7fbf3", "#fdf3cf", "#fbdf9d", "#f7bd6a", "#ee9150", "#d9603f", "#b2332f", "#7a1226")
@@ -67,10 +72,12 @@ def _title(c: "Compared") -> str:
 
 def _curves_caption(compared: list["Compared"]) -> str:
     return (
-        "Each rule's error over the optimum's against the angle between view and light. The black line is the optimum; "
-        "the dotted one below it is the limit, the best that any map of the depth could do, where it is known. In the "
-        "shaded region a rule is worse than no warp. A curve is missing where its rule yields no λ > 0."
-        + _left_out(compared)
+        "Each rule's error over the optimum's against the angle between view and light. Coloured are the rules that "
+        "are best on average in one of the panels, and your own; of the others those are named that have room (the map "
+        "has every name). The black line is the optimum; the dotted one below it is "
+        "the limit, the best that any map of the depth could do, where it is known. In the shaded region a rule is "
+        "worse than no warp. A curve is missing where its rule yields no λ > 0, and leaves the panel where it is worse "
+        "than every ranked rule's worst." + _left_out(compared)
     )
 
 
@@ -92,12 +99,13 @@ def curves_figure(compared: list["Compared"]) -> Figure:
     foot = 0.62
     total = left + columns * (width + names) + (columns - 1) * gap
     figure = style.new_figure(total, rows * (height + down) + foot)
+    looks = _looks(compared)
     limit = 180.0 if compared[0].result.theta.max() > np.pi / 2 + 1e-9 else 90.0
     for place, c in enumerate(compared):
         row, column = divmod(place, columns)
         x = left + column * (width + names + gap)
         axes = style.place(figure, x, row * (height + down) + 0.3, width, height)
-        _curves_panel(axes, c, limit)
+        _curves_panel(axes, c, limit, looks)
         style.theta_axis(axes, limit, label=place + columns >= len(compared))
         style.beside(axes, _title(c), (0.5, 1), (0, 4), va="bottom", fontsize=9.5)
         if column == 0:
@@ -106,17 +114,17 @@ def curves_figure(compared: list["Compared"]) -> Figure:
     if any(c.result.limit is not None for c in compared):
         handles.append(Line2D([], [], label="limit: no map of the depth is below", **_LIMIT))
     handles.append(Patch(facecolor=_WORSE, label="worse than no warp"))
-    h = figure.get_size_inches()[1]
-    figure.legend(handles=handles, loc="lower left", bbox_to_anchor=(left / total, 0.06 / h), ncols=3, borderaxespad=0)
+    handles.append(Line2D([], [], label="other rules", **_REST))
+    at = (left / total, 0.06 / figure.get_size_inches()[1])
+    figure.legend(handles=handles, loc="lower left", bbox_to_anchor=at, ncols=2 * columns, borderaxespad=0)
     return figure
 
 
-def _curves_panel(axes: Axes, c: "Compared", limit: float) -> None:
+def _curves_panel(axes: Axes, c: "Compared", limit: float, looks: dict[str, dict]) -> None:
     r = c.result
     theta, ratio = np.rad2deg(r.theta), r.ratio
     share = None if r.limit is None else r.limit / np.where(r.solution.value > 0, r.solution.value, np.nan)
-    low = 0.8 if share is None or np.isnan(share).all() else max(0.05, 0.8 * float(np.nanmin(share)))
-    limits = min(low, 0.8), max(3.0, style.decades(np.r_[ratio.ravel(), r.unwarped_ratio], 0.0, 0.985)[1])
+    limits = _limits(c, share)
     style.log_axis(axes, limits)
     axes.grid(axis="y", which="major", color="#e6e6e6", linewidth=0.6, zorder=0.5)
     bare = r.unwarped_ratio
@@ -127,26 +135,46 @@ def _curves_panel(axes: Axes, c: "Compared", limit: float) -> None:
     axes.axhline(1, color="black", linewidth=2.6, zorder=2)
     if share is not None:
         style.draw_curve(axes, theta, share, "limit", zorder=2, **_LIMIT)
-    engines = [name for name in r.names if name not in style.RULE_COLOURS and rule_title(name) != name]
-    labels = []
+    labels, spare = [], []
     for i, name in enumerate(r.names):
-        look = _look(name, engines)
+        look = looks.get(name, _REST)
         style.draw_curve(axes, theta, ratio[i], f"rule {name}", **look)
         there = np.flatnonzero(np.isfinite(ratio[i]))
         if there.size:
-            labels.append((float(theta[there[-1]]), float(ratio[i, there[-1]]), _short(name), look["color"]))
-    _name_curves(axes, labels, limits, limit)
+            end = float(theta[there[-1]]), float(ratio[i, there[-1]])
+            if name in looks or len(r.names) <= _CROWD:
+                labels.append((*end, _short(name), look["color"] if name in looks else _REST_INK))
+            elif end[0] >= _AT_EDGE * limit:
+                spare.append((*end, _short(name), _REST_INK))
+    _name_curves(axes, labels + _with_room(spare, labels, limits), limits, limit)
 
 
-def _look(name: str, engines: list[str]) -> dict:
-    if name == "ssm":
-        return {"color": "#8a8a8a", "linewidth": 2.2, "zorder": 3}
-    if name in style.RULE_COLOURS:
-        return {**style.rule_style(name), "zorder": 5}
-    if name in engines:
-        colour = _ENGINE_COLOURS[engines.index(name) % len(_ENGINE_COLOURS)]
-        return {"color": colour, "linewidth": 1.3, "linestyle": "-", "zorder": 4}
-    return {"color": _YOURS, "linewidth": 2.2, "linestyle": "-", "zorder": 6}
+def _with_room(spare: list[tuple], labels: list[tuple], limits: tuple[float, float]) -> list[tuple]:
+    """Those of the spare labels that end apart from every other, within the panel."""
+    low, high = np.log10(limits)
+    ends = np.array([(np.log10(value) - low) / (high - low) for _, value, *_ in [*spare, *labels]])
+    near = (np.abs(ends[:, None] - ends) < _APART).sum(1) > 1
+    return [label for label, end, crowded in zip(spare, ends, near, strict=False) if end < 1 and not crowded]
+
+
+def _limits(c: "Compared", share: np.ndarray | None) -> tuple[float, float]:
+    """Of the panel: all of the rules that are ranked; what is worse than these, no warp say, may leave it."""
+    r = c.result
+    low = 0.8 if share is None or np.isnan(share).all() else float(np.clip(0.8 * np.nanmin(share), 0.3, 0.8))
+    ranked = [r.worst(name).ratio for name in r.ranking() if name != "ssm"]
+    most = max((ratio for ratio in ranked if np.isfinite(ratio)), default=float(np.nanmax(r.unwarped_ratio, initial=1)))
+    return low, max(3.0, 1.3 * most)
+
+
+def _looks(compared: list["Compared"]) -> dict[str, dict]:
+    """How the curves that matter are drawn in every panel: the best on average in one of them, the user's, no warp."""
+    best = dict.fromkeys(name for c in compared for name in [n for n in c.result.ranking() if n != "ssm"][:1])
+    own = [name for name in compared[0].result.names if rule_title(name) == name]
+    looks = {"ssm": {"color": style.MUTED, "linewidth": 2.2, "linestyle": "-", "zorder": 4}}
+    chosen = [name for name in best if name not in own]
+    for name, (colour, dashes) in zip(chosen, _LOOKS, strict=False):
+        looks[name] = {"color": colour, "linewidth": 1.9, "linestyle": dashes, "zorder": 5}
+    return looks | {name: {"color": _YOURS, "linewidth": 2.2, "linestyle": "-", "zorder": 6} for name in own}
 
 
 def _name_curves(axes: Axes, labels: list[tuple], limits: tuple[float, float], limit: float) -> None:
@@ -158,7 +186,7 @@ def _name_curves(axes: Axes, labels: list[tuple], limits: tuple[float, float], l
             axes.annotate(text, (theta, value), xytext=(4, 0), annotation_clip=True, **options)
     labels = sorted((label for label in labels if label[0] >= _AT_EDGE * limit), key=lambda label: label[1])
     ends = np.clip([(np.log10(value) - low) / (high - low) for _, value, *_ in labels], 0, 1)
-    apart = min(0.058, 1 / max(len(labels), 1))
+    apart = min(_APART, 1 / max(len(labels), 1))
     at = ends.copy()
     for i in range(1, len(at)):
         at[i] = max(at[i], at[i - 1] + apart)
@@ -196,13 +224,6 @@ def map_figure(compared: list["Compared"]) -> Figure:
     return figure
 
 
-def _order(c: "Compared") -> list[str]:
-    r = c.result
-    ranking = r.ranking()
-    rest = [name for name in r.names if name not in ranking]
-    return [*ranking, *sorted(rest, key=lambda name: np.nan_to_num(r.mean(name), nan=np.inf))]
-
-
 def _edges(c: "Compared") -> np.ndarray:
     r = c.result
     if r.regions is None:
@@ -216,7 +237,7 @@ def _edges(c: "Compared") -> np.ndarray:
 
 def _map_panel(axes: Axes, c: "Compared", last: bool) -> None:
     r = c.result
-    order = _order(c)
+    order = r.order()
     index = [r.names.index(name) for name in order]
     edges = _edges(c)
     ratio = np.ma.masked_invalid(np.maximum(r.ratio[index], 1))
@@ -234,8 +255,7 @@ def _map_panel(axes: Axes, c: "Compared", last: bool) -> None:
                 look = {"fill": False, "hatch": "//////", "linewidth": 0, "edgecolor": ink, "zorder": 3}
                 axes.add_patch(Rectangle(place, size, 1, **look))
         name = order[row]
-        worst, _ = r.worst(name)
-        numbers = ("–", "–") if np.isnan(worst) else (_number(r.mean(name)), _number(worst))
+        numbers = _number(r.mean(name)), _number(r.worst(name).ratio)
         for x, text in zip((1.13, 1.27), numbers, strict=True):
             axes.text(
                 x, 1 - (row + 0.5) / len(order), text, transform=axes.transAxes, ha="right", va="center", fontsize=7.4
@@ -267,6 +287,8 @@ def _map_panel(axes: Axes, c: "Compared", last: bool) -> None:
 
 
 def _number(value: float) -> str:
+    if not np.isfinite(value):
+        return "–" if np.isnan(value) else "∞"
     return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
 
 

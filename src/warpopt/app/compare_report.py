@@ -8,6 +8,7 @@ from .compare_config import CompareConfig, SceneCompareConfig
 from .report import TITLES, markdown_table
 
 if TYPE_CHECKING:
+    from ..compare.comparison import Worst
     from .compare import Compared
 
 _ENGINES = {
@@ -55,10 +56,17 @@ def where_text(c: "Compared", kind: str, name: str) -> str:
     return f"{'light' if len(lights) == 1 else 'lights'} {', '.join(map(str, lights))}" if len(lights) else ""
 
 
-def place_text(c: "Compared", at: int) -> str:
-    """A direction in words."""
-    angle = f"{np.rad2deg(c.result.theta[at]):.4g} deg"
-    return angle if c.result.regions is not None else f"{angle}, light {at}"
+def ratio_text(ratio: float) -> str:
+    """To three digits, "unbounded", or "-" where there is none."""
+    return f"{ratio:.3g}" if np.isfinite(ratio) else "-" if np.isnan(ratio) else "unbounded"
+
+
+def place_text(c: "Compared", worst: "Worst") -> str:
+    """Where a rule is worst, in words."""
+    if worst.index < 0:
+        return "-"
+    angle = f"{np.rad2deg(worst.theta):.4g} deg"
+    return angle if c.result.regions is not None else f"{angle}, light {worst.index}"
 
 
 def compare_report(
@@ -84,7 +92,8 @@ def _opening(config: CompareConfig | SceneCompareConfig) -> str:
         view = config.view
         over = (
             f"The view frustum n = {view.near:g}, f = {view.far:g}, half field of view {view.half_fov_deg:g} deg; "
-            f"norms over the measure `{config.objective.measure}`."
+            f"norms over the measure `{config.objective.measure}`. The worst is sought between the directions too; a "
+            "rule that has no bound has no mean."
         )
     else:
         over = (
@@ -98,7 +107,8 @@ def _opening(config: CompareConfig | SceneCompareConfig) -> str:
         f"{over}\n\nAll numbers are multiples of the optimum's error, which is 1. A rule counts where it is defined; "
         "its mean is over the light directions. Only rules that are defined in every direction are ranked, the least "
         "mean first. The limit is what the best monotone map of the depth would reach, perspective or not, where it is "
-        "known. `compare.csv` and `compare.json` have every number, `run.json` configuration and versions.\n"
+        "known. `ranking.csv` has the table, `compare.csv` and `compare.json` every number, `run.json` configuration "
+        "and versions.\n"
     )
 
 
@@ -109,18 +119,18 @@ def _verdict(c: "Compared") -> str:
     if not ranking:
         return "No rule is defined in every direction.\n"
     first, last = ranking[0], ranking[-1]
-    safest = min(ranking, key=lambda name: r.worst(name)[0])
-    worst, at = r.worst(first)
+    safest = min(ranking, key=lambda name: r.worst(name).ratio)
+    worst = r.worst(first)
     words = [
         f"**{rule_title(first)}** is best on average: {r.mean(first):.3g} times the optimum's error in the mean and "
-        f"{worst:.3g} times at worst ({place_text(c, at)})."
+        f"{worst.ratio:.3g} times at worst ({place_text(c, worst)})."
     ]
     if safest == first:
         words.append("It is also the best at worst.")
     else:
-        worst, at = r.worst(safest)
+        worst = r.worst(safest)
         words.append(
-            f"At worst {rule_title(safest)} is best: never more than {worst:.3g} times ({place_text(c, at)}), "
+            f"At worst {rule_title(safest)} is best: never more than {worst.ratio:.3g} times ({place_text(c, worst)}), "
             f"{r.mean(safest):.3g} in the mean."
         )
     if last != first:
@@ -131,6 +141,12 @@ def _verdict(c: "Compared") -> str:
             words.append(
                 f"The optimum itself is {np.nanmin(share):.3g} to {np.nanmax(share):.3g} times the limit: that is all "
                 "that any other map of the depth could win."
+            )
+            nearest = min(ranking, key=lambda name: r.worst(name, "limit").ratio)
+            worst = r.worst(nearest, "limit")
+            words.append(
+                f"Of the rules {rule_title(nearest)} stays nearest to it, at worst {worst.ratio:.3g} times "
+                f"({place_text(c, worst)})."
             )
     return " ".join(words) + "\n"
 
@@ -145,7 +161,11 @@ def _losses(c: "Compared") -> str:
             clauses.append(f"is worse than no warp {_for(worse)}")
         if none:
             clauses.append(f"yields no lambda > 0 {_for(none)}")
+        worst = c.result.worst(name)
+        if np.isinf(worst.ratio):
+            clauses.append(f"loses without bound towards {place_text(c, worst)}")
         if clauses:
+            clauses[:-1] = [", ".join(clauses[:-1])] if clauses[1:] else []
             lines.append(f"- {rule_title(name)} {' and '.join(clauses)}.")
     if not lines:
         return "No rule is worse than no warp anywhere.\n"
@@ -159,20 +179,15 @@ def _for(where: str) -> str:
 def _table(c: "Compared") -> str:
     r = c.result
     ranking = r.ranking()
-    heads = ["", "rule", "mean", "worst", "at", "worst over the limit", "worse than no warp", "no warp", "undefined"]
+    heads = ["", "rule", "mean", "worst", "at", "worst over the limit", "at"]
+    heads += ["worse than no warp", "no warp", "undefined"]
     rows = []
-    rest = sorted((n for n in r.names if n not in ranking), key=lambda n: np.nan_to_num(r.mean(n), nan=np.inf))
-    for place, name in [*enumerate(ranking, 1), *(("", name) for name in rest)]:
-        worst, at = r.worst(name)
-        if at < 0:
-            numbers = ["-"] * 4
-        else:
-            over = "" if r.over_limit is None else f"{_largest(r.over_limit[r.names.index(name)]):.3g}"
-            numbers = [f"{r.mean(name):.3g}", f"{worst:.3g}", place_text(c, at), over]
+    for place, name in enumerate(r.order(), 1):
+        worst, over = r.worst(name), r.worst(name, "limit")
+        numbers = [ratio_text(r.mean(name))]
+        for one in (worst, over):
+            numbers += [ratio_text(one.ratio), place_text(c, one)]
         where = [where_text(c, kind, name) for kind in ("worse", "no_warp", "undefined")]
-        rows.append([str(place), rule_title(name), *numbers, *where])
+        first = [str(place) if name in ranking else "", rule_title(name)]
+        rows.append([*first, *numbers, *where])
     return markdown_table(heads, rows)
-
-
-def _largest(values: np.ndarray) -> float:
-    return float(np.nanmax(values)) if np.isfinite(values).any() else float("nan")

@@ -1,6 +1,7 @@
 """Every rule beside the optimum and the limit, over the light directions of one view frustum."""
 
 import dataclasses
+from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,8 +16,25 @@ from ..theory.error_norm import ErrorNorm, Metric
 from ..theory.frustum import ViewFrustum
 from ..theory.light_space import checked_theta
 from ..theory.warp import Warp
+from .peaks import Peak, peaks
 from .regions import Interval, regions
 from .rule_set import Rules, rule_set, warps_of
+
+Over = Literal["optimum", "limit"]
+
+
+class Worst(NamedTuple):
+    """Where a rule loses most.
+
+    Attributes:
+        ratio: value over optimum, or over limit; inf if it grows without bound towards theta, NaN if nowhere defined.
+        theta: angle between light and view, radians.
+        index: of the direction nearest to it among `Comparison.theta`; -1 if nowhere.
+    """
+
+    ratio: float
+    theta: float
+    index: int
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -35,6 +53,8 @@ class Comparison:
         regions: for directions in order, {"worse", "no_warp", "undefined"}: for each rule the intervals of theta
             (radians, ends bisected) in which it is worse than no warp, gives no warp, or is not defined. None where
             the directions are those of a list.
+        peaks: for directions in order, {"optimum", "limit"}: for each rule (the largest of value / optimum or value /
+            limit, where), found between the directions too; see `worst`. None for a list.
 
     Example:
         >>> import math, warpopt
@@ -54,6 +74,7 @@ class Comparison:
     values: NDArray
     unwarped: NDArray
     regions: dict[str, dict[str, tuple[Interval, ...]]] | None
+    peaks: dict[Over, dict[str, Peak]] | None
 
     @property
     def ratio(self) -> NDArray:
@@ -73,23 +94,36 @@ class Comparison:
     @property
     def worse(self) -> NDArray:
         """(R, T) where a rule is worse than no warp."""
-        return self.values > self.unwarped * (1 + _noise(self.values))
+        return _worse(self.values, self.unwarped)
 
     @property
     def failed(self) -> NDArray:
         """(T,) where the optimum was not found."""
         return np.asarray(self.solution.result) > Outcome.empty
 
-    def worst(self, name: str) -> tuple[float, int]:
-        """(largest value / optimum where the rule is defined, index of its direction); (NaN, -1) if nowhere."""
-        ratio = self.ratio[self.names.index(name)]
+    def worst(self, name: str, over: Over = "optimum") -> Worst:
+        """The largest value / optimum, or value / limit, where the rule is defined.
+
+        Of directions in order between them as well: kinks, jumps and poles are found to about 1e-10 of a step if a
+        direction beside them has the largest ratio, or if they are where the rule begins or ends to be defined.
+        """
+        ratios = self.ratio if over == "optimum" else self.over_limit
+        ratio = np.full(1, np.nan) if ratios is None else ratios[self.names.index(name)]
         if np.isnan(ratio).all():
-            return float("nan"), -1
+            return Worst(float("nan"), float("nan"), -1)
         at = int(np.nanargmax(ratio))
-        return float(ratio[at]), at
+        if self.peaks is None:
+            return Worst(float(ratio[at]), float(self.theta[at]), at)
+        peak, theta = self.peaks[over][name]
+        return Worst(peak, theta, int(np.abs(self.theta - theta).argmin()))
 
     def mean(self, name: str) -> float:
-        """The mean of value / optimum over theta (trapezia; over the list, if it is one) where the rule is defined."""
+        """The mean of value / optimum over theta (trapezia; over the list, if it is one) where the rule is defined.
+
+        NaN where the ratio is unbounded: the directions given would decide it.
+        """
+        if np.isinf(self.worst(name).ratio):
+            return float("nan")
         ratio = self.ratio[self.names.index(name)]
         weights = np.ones_like(ratio)
         if self.regions is not None and len(ratio) > 1:
@@ -104,7 +138,16 @@ class Comparison:
 
     def ranking(self) -> list[str]:
         """The rules that are defined in every direction, the least mean first."""
-        return sorted(filter(self.complete, self.names), key=lambda name: (self.mean(name), self.worst(name)[0]))
+        return sorted(filter(self.complete, self.names), key=self._losses)
+
+    def order(self) -> list[str]:
+        """All rules: the ranking, then those that are not defined everywhere, the least mean first."""
+        ranking = self.ranking()
+        return [*ranking, *sorted((name for name in self.names if name not in ranking), key=self._losses)]
+
+    def _losses(self, name: str) -> tuple[float, float]:
+        """(mean, worst), inf for what has none."""
+        return tuple(np.nan_to_num((self.mean(name), self.worst(name).ratio), nan=np.inf).tolist())
 
 
 def compare_rules(
@@ -133,9 +176,9 @@ def compare_rules(
         >>> frustum = warpopt.ViewFrustum(near=1.0, far=100.0, half_fov=math.radians(30.0))
         >>> theta = [math.radians(degrees) for degrees in (1.0, 30.0, 60.0, 90.0)]
         >>> comparison = compare_rules(frustum, theta, ["lispsm", "tsm"])
-        >>> worst, at = comparison.worst("lispsm")
-        >>> round(worst, 2), round(math.degrees(comparison.theta[at]))
-        (1.79, 30)
+        >>> worst = comparison.worst("lispsm")
+        >>> round(worst.ratio, 2), round(math.degrees(worst.theta), 1)
+        (1.79, 30.0)
         >>> [[round(math.degrees(end), 2) for end in ends] for ends in comparison.regions["worse"]["lispsm"]]
         [[1.0, 7.13]]
     """
@@ -158,8 +201,7 @@ def compare_rules(
 
     def conditions(theta, evaluated) -> NDArray:
         _, eta, defined, values, unwarped = evaluated
-        worse = values > unwarped * (1 + _noise(values))
-        return np.concatenate([worse, defined & (eta == 1), ~defined])
+        return np.concatenate([_worse(values, unwarped), defined & (eta == 1), ~defined])
 
     evaluated = evaluate(theta)
     at = np.asarray(theta)
@@ -170,18 +212,33 @@ def compare_rules(
         for i, kind in enumerate(("worse", "no_warp", "undefined"))
     }
     solution, eta, defined, values, unwarped = evaluated
+    known = _limit_is_known(error_norm)
+
+    def best(theta) -> NDArray | None:
+        return np.asarray(limit(frustum, theta, metric, norm, measure)) if known else None
+
+    def ratios(theta, evaluated) -> NDArray:
+        over = [evaluated[0].value] + ([best(theta)] if known else [])
+        return np.concatenate([_quotient(evaluated[3], denominator) for denominator in over])
+
+    found = peaks(at, ratios(theta, evaluated), lambda v: ratios(v, evaluate(jnp.asarray(v))))
+    largest = {"optimum": dict(zip(names, found[:count], strict=True))}
+    if known:
+        largest["limit"] = dict(zip(names, found[count:], strict=True))
+    return Comparison(names, at, solution, best(theta), eta, defined, values, unwarped, located, largest)
+
+
+def _limit_is_known(norm: ErrorNorm) -> bool:
     try:
-        refuse_unknown(error_norm)
+        refuse_unknown(norm)
     except ValueError:
-        best = None
-    else:
-        best = np.asarray(limit(frustum, theta, metric, norm, measure))
-    return Comparison(names, at, solution, best, eta, defined, values, unwarped, located)
+        return False
+    return True
 
 
-def _noise(values: NDArray) -> float:
+def _worse(values: NDArray, unwarped: NDArray) -> NDArray:
     """Norms are within a few hundred eps of exact (moments of extreme frusta included): less apart is equal."""
-    return 1e3 * float(np.finfo(values.dtype).eps)
+    return values > unwarped * (1 + 1e3 * np.finfo(values.dtype).eps)
 
 
 def _quotient(values: NDArray, over: ArrayLike) -> NDArray:

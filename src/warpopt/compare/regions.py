@@ -23,19 +23,24 @@ def regions(
         at: gives the same for other directions, always T of them.
     """
     which, left = np.nonzero(holds[:, 1:] != holds[:, :-1])
-    low, high = theta[left].copy(), theta[left + 1].copy()
+    low, high = theta[left], theta[left + 1]
     before = holds[which, left]
-    for start in range(0, len(which), len(theta)):
-        part = slice(start, start + len(theta))
-        rows = which[part]
-        for _ in range(_HALVINGS):
-            middle = (low[part] + high[part]) / 2
-            # padded to one shape, for which everything is compiled already
-            now = at(np.pad(middle, (0, len(theta) - len(rows)), mode="edge"))[rows, np.arange(len(rows))]
-            same = now == before[part]
-            low[part], high[part] = np.where(same, middle, low[part]), np.where(same, high[part], middle)
+    for _ in range(_HALVINGS if len(which) else 0):
+        middle = (low + high) / 2
+        same = at_points(at, which, middle, len(theta)) == before
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
     ends = (low + high) / 2
     return [_intervals(theta, row, ends[which == m]) for m, row in enumerate(holds)]
+
+
+def at_points(at: Callable[[NDArray], NDArray], rows: NDArray, points: NDArray, count: int) -> NDArray:
+    """Row r of `at` at p, for each pair (r, p), in calls of `count` points: one shape, compiled already."""
+    found = []
+    for start in range(0, len(points), count):
+        part = slice(start, start + count)
+        padded = np.pad(points[part], (0, count - len(points[part])), mode="edge")
+        found.append(at(padded)[rows[part], np.arange(len(rows[part]))])
+    return np.concatenate(found)
 
 
 def _intervals(theta: NDArray, holds: NDArray[np.bool_], changes: NDArray) -> tuple[Interval, ...]:

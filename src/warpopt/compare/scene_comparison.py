@@ -43,9 +43,10 @@ def compare_scene_rules(
 
     warpopt's own rules are applied as engines apply them, to the receivers (`rules.Body`): n and f are the nearest and
     farthest eye depth, y_min and d the start and length of their extent along Z_w, half_fov that of the frustum with
-    the camera's window along the warp. A rule of the user's, and `tsm_alternative`, whose focus region is a part of V,
-    are given V as (frustum, theta), and their apex is kept in eye coordinates: lambda over the receivers is lambda +
-    start - start of V, eta = lambda / (lambda + mu); not defined where that is not positive.
+    the camera's window along the warp; Filament's hints count from the camera's own near plane. A rule of the user's,
+    and `tsm_alternative`, whose focus region is a part of V, are given V as (frustum, theta), and their apex is kept in
+    eye coordinates: lambda over the receivers is lambda + start - start of V, eta = lambda / (lambda + mu); not defined
+    where that is not positive.
 
     Args:
         lights: `DirectionalLight` with a leading axis, as `jax.vmap(DirectionalLight)` makes it from (T, 3).
@@ -83,7 +84,7 @@ def compare_scene_rules(
     values = np.where(defined & ~failed, values[order], np.nan)
     best = _limits(camera, lights, receivers, metric, norm, screen, shadow_map)
     theta = np.asarray(solution.frame.theta)
-    return Comparison(tuple(found), theta, solution, best, eta, defined, values, unwarped, None)
+    return Comparison(tuple(found), theta, solution, best, eta, defined, values, unwarped, None, None)
 
 
 @jax.jit
@@ -167,7 +168,7 @@ def _body(camera: Camera, receivers: Receivers | None, footprint: Footprint, fru
         there = jnp.ones(2, bool)
     near, far = jnp.where(there, z, jnp.inf).min(), jnp.where(there, z, -jnp.inf).max()
     near, far = (jnp.where(there.any(), v, end) for v, end in ((near, camera.near), (far, camera.far)))
-    return Body(near, far, frustum.half_fov, footprint.start, footprint.mu)
+    return Body(near, far, frustum.half_fov, footprint.start, footprint.mu, camera.near)
 
 
 def _limits(camera, lights, receivers, metric, norm, screen, shadow_map) -> np.ndarray | None:

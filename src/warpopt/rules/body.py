@@ -5,13 +5,17 @@ begins along Z_w (y_min) and how far it reaches (d), theta, and the camera's hal
 visible. So a rule given a `Body` is applied as an engine applies it.
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
+from .._checks import checked
 from ..theory.frustum import ViewFrustum
 from ..theory.light_space import Depth, LightSpace, checked_theta
+from ..theory.warp import Warp
 
 
 class Body(eqx.Module):
@@ -24,10 +28,11 @@ class Body(eqx.Module):
         half_fov: of the camera along the warp, radians.
         start: least Z_w . c over the receivers, from the eye (`Footprint.start`).
         mu: their depth range along Z_w, > 0 (`Footprint.mu`).
+        camera_near: the near plane's distance, at most `near`; Filament's alone counts from it.
 
     Example:
         >>> import jax, warpopt
-        >>> body = Body(*jax.numpy.array([5.0, 50.0, 0.5236, 4.0, 45.0]))
+        >>> body = Body(*jax.numpy.array([5.0, 50.0, 0.5236, 4.0, 45.0, 0.1]))
         >>> round(float(warpopt.rules.lispsm(body, 1.5707963).lam), 3)   # 5 + sqrt(5 * 50), from start
         20.811
     """
@@ -37,6 +42,7 @@ class Body(eqx.Module):
     half_fov: Float[Array, "..."]
     start: Float[Array, "..."]
     mu: Float[Array, "..."]
+    camera_near: Float[Array, "..."]
 
 
 class BodySpace(eqx.Module):
@@ -101,6 +107,21 @@ def space_of(frustum: ViewFrustum | Body, theta: ArrayLike) -> LightSpace | Body
     return BodySpace(frustum, theta) if isinstance(frustum, Body) else LightSpace(frustum, theta)
 
 
-def axis_depths(space: LightSpace | BodySpace | BodySpace) -> tuple[Depth, Depth]:
+def axis_depths(space: LightSpace | BodySpace) -> tuple[Depth, Depth]:
     """Depths of the ends of the view axis within the body."""
     return space.axis_depths() if isinstance(space, BodySpace) else space.edge(0.5)
+
+
+def warp_of_product(space: LightSpace | BodySpace, product: Array, factor: ArrayLike = 1) -> Warp:
+    """The warp of lambda factor / n, for a factor >= 0; undefined, no warp, unless that is positive."""
+    positive = product > 0
+    return Warp.from_range_ratio(space.mu_over_near * factor / jnp.where(positive, product, 1), space.mu, positive)
+
+
+def parameter(name: str, value: ArrayLike, frustum: ViewFrustum | Body, valid: Callable, expected: str) -> Array:
+    """A rule's parameter in the frustum's dtype.
+
+    Raises:
+        ValueError: naming it, where it is not `valid`.
+    """
+    return checked(name, jnp.asarray(value, frustum.near.dtype), valid, expected)

@@ -15,12 +15,11 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from .._checks import checked
 from .._numerics import larger, smaller
 from ..theory.frustum import ViewFrustum
 from ..theory.light_space import LightSpace, checked_theta
 from ..theory.warp import Warp
-from .body import BodySpace, space_of
+from .body import Body, BodySpace, parameter, space_of, warp_of_product
 
 
 def lispsm_paper(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
@@ -43,9 +42,10 @@ def lispsm_paper(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
 def filament(frustum: ViewFrustum, theta: ArrayLike, near_hint: float = 1.0, far_hint: float = 100.0) -> Warp:
     """Google Filament: lambda = max(n0, n1), n0 = (n + sqrt(v0 v1)) / s, n1 = h / (2 - 3 h / (f - n)).
 
-    v0 = max(n, near_hint) and v1 = min(f, far_hint, n + d s) are the depths that matter, h = v0 - n. n0 equalises E_p
-    at them; n1 minimises E_p E_q at v0, for a light overhead. Uniform unless s > 0.02 and 3 h < 2 (f - n).
-    filament/src/ShadowMap.cpp @0362f36, which does not warp in its `stable` mode.
+    v0 = max(n, near_hint) and v1 = min(f, far_hint, n + d s) are the depths that matter, h = max(near_hint - c, 0) with
+    c the camera's own near distance, which is n but for a `Body`. n0 equalises E_p at them; n1 minimises E_p E_q at v0,
+    for a light overhead and n = c. Uniform unless s > 0.02 and 3 h < 2 (f - n). filament/src/ShadowMap.cpp @0362f36,
+    which does not warp in its `stable` mode.
 
     Args:
         frustum, theta: as for every rule.
@@ -61,18 +61,18 @@ def filament(frustum: ViewFrustum, theta: ArrayLike, near_hint: float = 1.0, far
         >>> round(float(filament(frustum, 1.5707963).lam), 3)   # v0 = 1, v1 = 100
         10.1
     """
-    near_hint = _parameter("near_hint", near_hint, frustum, lambda v: (v >= 0) & (v < jnp.inf), "a finite length >= 0")
-    far_hint = _parameter("far_hint", far_hint, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite length > 0")
+    near_hint = parameter("near_hint", near_hint, frustum, lambda v: (v >= 0) & (v < jnp.inf), "a finite length >= 0")
+    far_hint = parameter("far_hint", far_hint, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite length > 0")
     space = space_of(frustum, theta)
     s, m, x = space.sin_theta, space.mu_over_near, space.depth_range
-    h = larger(near_hint - space.near, 0) / space.near
-    last = smaller(smaller(1 + x, far_hint / space.near), 1 + m * s)
+    h = larger(near_hint - (frustum.camera_near if isinstance(frustum, Body) else frustum.near), 0) / space.near
+    first, last = larger(1, near_hint / space.near), smaller(smaller(1 + x, far_hint / space.near), 1 + m * s)
     # the roots one by one: the product could overflow single precision
-    first = m * s / (1 + jnp.sqrt(1 + h) * jnp.sqrt(last))
+    equal = m * s / (1 + jnp.sqrt(first) * jnp.sqrt(last))
     hinted = h > 0
-    second = m * (2 - 3 * (h / x)) / jnp.where(hinted, h, 1)
+    stationary = m * (2 - 3 * (h / x)) / jnp.where(hinted, h, 1)
     warps = (s > 0.02) & (3 * h < 2 * x)
-    return _guarded(space, warps, jnp.where(hinted, smaller(first, second), first))
+    return _guarded(space, warps, jnp.where(hinted, smaller(equal, stationary), equal))
 
 
 def osg_lispsm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
@@ -93,7 +93,7 @@ def osg_lispsm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     reach = space.mu_over_near * square
     # times s^2, so that theta = 0 (lambda = inf) is a value like any other
     N = larger(1 + jnp.sqrt(1 + reach), 0.02 * reach)
-    return _from_product(space, N + square * (space.minimum_depth / space.near - 1), square)
+    return warp_of_product(space, N + square * (space.minimum_depth / space.near - 1), square)
 
 
 def osg_lispsm_corrected(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
@@ -111,7 +111,7 @@ def osg_lispsm_corrected(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     """
     space = space_of(frustum, theta)
     s = space.sin_theta
-    return _from_product(space, jnp.sqrt(1 + space.mu_over_near * s) + s * (space.minimum_depth / space.near), s)
+    return warp_of_product(space, jnp.sqrt(1 + space.mu_over_near * s) + s * (space.minimum_depth / space.near), s)
 
 
 def osg_vdsm(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: float = 0.05) -> Warp:
@@ -133,7 +133,7 @@ def osg_vdsm(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: float = 0.0
         >>> [round(float(rule(frustum, 1.5707963).lam), 3) for rule in (osg_vdsm, openmw)]
         [2.475, 12.375]
     """
-    r = _parameter("near_far_ratio", near_far_ratio, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite number > 0")
+    r = parameter("near_far_ratio", near_far_ratio, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite number > 0")
     space = space_of(frustum, theta)
     s = space.sin_theta
     warps = s >= math.sin(math.radians(2))
@@ -159,7 +159,7 @@ def ogre(frustum: ViewFrustum, theta: ArrayLike, adjust: float = 0.1, threshold:
     """OGRE up to 13.5, its simple rule: lambda = (n + sqrt(n f)) k t, without any sin(theta).
 
     t = 1 while |cos(g)| < c = cos(threshold), and 1 + 20 (|cos(g)| - c) / (1 - c) beyond.
-    OgreMain/src/OgreShadowCameraSetupLiSPSM.cpp.
+    OgreMain/src/OgreShadowCameraSetupLiSPSM.cpp @00dd9a5.
 
     Args:
         frustum, theta: as for every rule.
@@ -175,8 +175,8 @@ def ogre(frustum: ViewFrustum, theta: ArrayLike, adjust: float = 0.1, threshold:
         >>> round(float(ogre(frustum, 1.5707963).lam), 3)
         1.1
     """
-    k = _parameter("adjust", adjust, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite number > 0")
-    angle = _parameter("threshold", threshold, frustum, lambda v: (v > 0) & (v < math.pi / 2), "radians in (0, pi/2)")
+    k = parameter("adjust", adjust, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite number > 0")
+    angle = parameter("threshold", threshold, frustum, lambda v: (v > 0) & (v < math.pi / 2), "radians in (0, pi/2)")
     space = space_of(frustum, theta)
     c = jnp.cos(angle)
     # 1 - c without its cancellation for small angles
@@ -200,8 +200,8 @@ def veloren(frustum: ViewFrustum, theta: ArrayLike, at_phi: float = -0.2, span: 
         >>> [round(float(veloren(frustum, theta).lam), 2) for theta in (1.5707963, 0.7853982)]
         [11.0, 14.9]
     """
-    at_phi = _parameter("at_phi", at_phi, frustum, lambda v: (v > -1) & (v <= 0), "a number in (-1, 0]")
-    span = _parameter("span", span, frustum, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
+    at_phi = parameter("at_phi", at_phi, frustum, lambda v: (v > -1) & (v <= 0), "a number in (-1, 0]")
+    span = parameter("span", span, frustum, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
     space = space_of(frustum, theta)
     phi, theta = frustum.half_fov, checked_theta(theta, frustum)
     angle = jnp.where(space.mirrored, math.pi - theta, theta)
@@ -219,10 +219,10 @@ def veloren(frustum: ViewFrustum, theta: ArrayLike, at_phi: float = -0.2, span: 
 def tsm_xray(
     frustum: ViewFrustum, theta: ArrayLike, delta: float = 0.3, xi: float = -0.6, cutoff: float = 0.99
 ) -> Warp:
-    """TSM in X-Ray: lambda = d delta (1 + xi) / (1 - xi - 2 delta); uniform where |cos(g)| >= cutoff.
+    """TSM in X-Ray (OpenXRay): lambda = d delta (1 + xi) / (1 - xi - 2 delta); uniform where |cos(g)| >= cutoff.
 
     Maps the depth fraction delta of the body to s = (1 - xi) / 2, 0.8 of the map. A fixed fraction, where `tsm` takes
-    that of a point on the view axis. r2_R_sun.cpp.
+    that of a point on the view axis. src/Layers/xrRender_R2/r2_R_sun.cpp @ec397af.
 
     Args:
         frustum, theta: as for every rule.
@@ -239,9 +239,9 @@ def tsm_xray(
         >>> [round(float(rule(frustum, 1.5707963).lam), 2) for rule in (tsm_xray, tsm_dagor)]
         [11.88, 36.77]
     """
-    delta = _parameter("delta", delta, frustum, lambda v: (v > 0) & (v < 1), "a number in (0, 1)")
-    xi = _parameter("xi", xi, frustum, lambda v: (v > -1) & (v < 1), "a number in (-1, 1)")
-    cutoff = _parameter("cutoff", cutoff, frustum, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
+    delta = parameter("delta", delta, frustum, lambda v: (v > 0) & (v < 1), "a number in (0, 1)")
+    xi = parameter("xi", xi, frustum, lambda v: (v > -1) & (v < 1), "a number in (-1, 1)")
+    cutoff = parameter("cutoff", cutoff, frustum, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
     space = space_of(frustum, theta)
     ratio = jnp.broadcast_to((1 - xi - 2 * delta) / (delta * (1 + xi)), space.mu.shape)
     return _guarded(space, _cosine(space) < cutoff, ratio)
@@ -269,17 +269,7 @@ def _cosine(space: LightSpace | BodySpace) -> Float[Array, "..."]:
     return space.slope / space.tan_phi
 
 
-def _parameter(name: str, value: ArrayLike, frustum: ViewFrustum, valid, expected: str) -> Array:
-    return checked(name, jnp.asarray(value, frustum.near.dtype), valid, expected)
-
-
 def _guarded(space: LightSpace | BodySpace, warps: Array, ratio: Array) -> Warp:
     """The warp of mu / lambda where the engine warps at all; undefined where that is negative."""
     ratio = jnp.where(warps, ratio, 0)
     return Warp.from_range_ratio(ratio, space.mu, ratio >= 0)
-
-
-def _from_product(space: LightSpace | BodySpace, product: Array, factor: Array) -> Warp:
-    """The warp of lambda factor / n, for a factor >= 0; undefined unless that is positive."""
-    positive = product > 0
-    return Warp.from_range_ratio(space.mu_over_near * factor / jnp.where(positive, product, 1), space.mu, positive)

@@ -6,21 +6,13 @@ A rule that yields no lambda > 0 returns no warp with `Warp.defined` False. Each
 
 import jax.numpy as jnp
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
-from .._checks import checked
 from .._numerics import smaller
 from ..solve.sign_change import on_lanes, positive_root
 from ..theory.frustum import ViewFrustum
-from ..theory.light_space import LightSpace
 from ..theory.warp import Warp
-from .body import BodySpace, axis_depths, space_of
-
-
-def _from_lam_over_near(space: LightSpace | BodySpace, lam: Float[Array, "..."]) -> Warp:
-    """The warp of a rule's lambda / near; no warp, flagged, unless it is positive."""
-    positive = lam > 0
-    return Warp.from_range_ratio(space.mu_over_near / jnp.where(positive, lam, 1), space.mu, positive)
+from .body import Body, axis_depths, parameter, space_of, warp_of_product
 
 
 def ssm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
@@ -49,7 +41,7 @@ def psm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
         (1.0, [True, False])
     """
     space = space_of(frustum, theta)
-    return _from_lam_over_near(space, space.a_plus)
+    return warp_of_product(space, space.a_plus)
 
 
 def lispsm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
@@ -82,9 +74,7 @@ def scherzer(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     s = space.sin_theta
     # multiplied by sin(theta), so that theta = 0 (lambda = inf) is a value like any other
     lam_sin = 1 + jnp.sqrt(1 + space.mu_over_near) + s * (space.minimum_depth / space.near - 1)
-    positive = lam_sin > 0
-    ratio = space.mu_over_near * s / jnp.where(positive, lam_sin, 1)
-    return Warp.from_range_ratio(ratio, space.mu, positive)
+    return warp_of_product(space, lam_sin, s)
 
 
 def minimum_norm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
@@ -101,7 +91,7 @@ def minimum_norm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     """
     space = space_of(frustum, theta)
     lam = space.minimum_depth / space.near + space.sin_theta * jnp.sqrt(1 + space.depth_range)
-    return _from_lam_over_near(space, lam)
+    return warp_of_product(space, lam)
 
 
 def tsm(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5, xi: float = 0.8) -> Warp:
@@ -118,7 +108,7 @@ def tsm(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5, xi: float = 
         >>> round(float(tsm(frustum, 1.5707963).lam), 3)   # mu / 3
         33.0
     """
-    kappa, xi = _fractions(frustum, kappa, xi)
+    kappa, xi = _fraction("kappa", kappa, frustum), _fraction("xi", xi, frustum)
     space = space_of(frustum, theta)
     near, far = axis_depths(space)
     depth = (1 - kappa) * near.delta + kappa * far.delta
@@ -142,7 +132,7 @@ def tsm_alternative(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5) 
         >>> [round(float(tsm_alternative(frustum, theta).eta), 3) for theta in (0.2, 0.5)]
         [1.0, 0.496]
     """
-    kappa, _ = _fractions(frustum, kappa, 0.5)
+    kappa = _fraction("kappa", kappa, frustum)
     space = space_of(frustum, theta)
     p, q, m = (
         [(1 - kappa) * near + kappa * far for near, far in zip(*space.edge(u), strict=True)] for u in (0.0, 1.0, 0.5)
@@ -155,7 +145,5 @@ def tsm_alternative(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5) 
     return Warp.from_range_ratio((1 - eta) / eta, space.mu, space.a_plus <= 0)
 
 
-def _fractions(frustum: ViewFrustum, kappa: float, xi: float) -> tuple[Array, Array]:
-    inside = {"valid": lambda v: (v > 0) & (v < 1), "expected": "a number in (0, 1)"}
-    dtype = frustum.near.dtype
-    return checked("kappa", jnp.asarray(kappa, dtype), **inside), checked("xi", jnp.asarray(xi, dtype), **inside)
+def _fraction(name: str, value: float, frustum: ViewFrustum | Body) -> Array:
+    return parameter(name, value, frustum, lambda v: (v > 0) & (v < 1), "a number in (0, 1)")

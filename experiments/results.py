@@ -1,0 +1,55 @@
+"""The table of README's "What it finds": the optimum of the paper's frustum, and what three rules lose against it.
+
+python experiments/results.py [--readme README.md]
+"""
+
+import argparse
+import math
+import os
+from pathlib import Path
+
+os.environ.setdefault("JAX_ENABLE_X64", "1")
+
+import numpy as np
+from provenance import markdown_table, write_section
+
+import warpopt
+
+FRUSTUM = warpopt.ViewFrustum(1.0, 100.0, math.pi / 6)
+DEGREES = {"p": (90, 60, 30, 10), "pxq": (90, 45, 10)}
+RULES = {"no warp": warpopt.rules.ssm, "LiSPSM": warpopt.rules.lispsm, "TSM (0.5, 0.8)": warpopt.rules.tsm}
+
+
+def losses(metric: str) -> np.ndarray:
+    """A row for each direction: the optimal lambda/mu, and each rule's largest error over the optimum's."""
+    theta = np.deg2rad(DEGREES[metric])
+    best = warpopt.optimal_warp(FRUSTUM, theta, metric)
+    errors = [warpopt.error_norm(FRUSTUM, theta, rule(FRUSTUM, theta), metric) for rule in RULES.values()]
+    return np.stack([best.warp.lam_over_mu, *(error / best.value for error in errors)], 1)
+
+
+def table(rows: dict[str, np.ndarray]) -> str:
+    cells = (
+        (f"E_{metric}", f"{degrees} deg", _digits(row[0], 4) if np.isfinite(row[0]) else "inf: no warp",
+         *(_digits(ratio, 3) for ratio in row[1:]))
+        for metric, found in rows.items() for degrees, row in zip(DEGREES[metric], found, strict=True)
+    )  # fmt: skip
+    return markdown_table(("error", "theta", "optimal lambda/mu", *RULES), cells)
+
+
+def _digits(value: float, count: int) -> str:
+    return f"{value:#.{count}g}".rstrip(".")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--readme", type=Path, help="a page with a place for `results`")
+    arguments = parser.parse_args()
+    text = table({metric: losses(metric) for metric in DEGREES})
+    print(text)
+    if arguments.readme:
+        write_section(arguments.readme, "results", text)
+
+
+if __name__ == "__main__":
+    main()

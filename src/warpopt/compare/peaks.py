@@ -1,0 +1,73 @@
+"""Where along theta something is largest, finer than the directions that were looked at."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .regions import at_points
+
+_OFFSETS = np.array([-2, -1, 1, 2]) / 3  # of the bracket's halves: each round leaves a third of them
+_ROUNDS = 21  # at most: 1e-10 of a step is left
+_ROUNDING = 64  # eps of a radian: brackets are not made smaller
+_LAST, _UNBOUNDED = 6, 10.0  # that growth in the last rounds, 3^6 of the bracket: of a pole, even of one's square root
+_FLAT = 1e4  # eps: less is rounding
+
+Peak = tuple[float, float]
+
+
+def peaks(theta: NDArray, values: NDArray, at: Callable[[NDArray], NDArray]) -> list[Peak]:
+    """(the largest value of each row, where it is): inf where the row grows without bound towards that place.
+
+    Searched between the neighbours of the largest value given, and up to wherever a row begins or ends to be defined; a
+    peak between two other directions is not seen. Kinks and jumps do no harm: a bracket closes around its best point.
+
+    Args:
+        theta: (T,) increasing.
+        values: (M, T) at theta; NaN where a row is not defined.
+        at: gives the same for other directions, always T of them.
+
+    Returns:
+        M pairs; NaN twice for a row that is defined nowhere.
+    """
+    which, index, side = _starts(values)
+    centre, best = theta[index], values[which, index]
+    left, right = centre - theta[np.maximum(index - 1, 0)], theta[np.minimum(index + 1, len(theta) - 1)] - centre
+    history = [best] * (_LAST + 1)
+    eps = np.finfo(values.dtype).eps
+    for _ in range(min(_ROUNDS, _rounds(theta, _ROUNDING * eps))):
+        points = np.stack([centre + (left if k < 0 else right) * k for k in _OFFSETS])
+        found = at_points(at, np.tile(which, len(_OFFSETS)), points.ravel(), len(theta)).reshape(points.shape)
+        # to the best point, or as far to the side as the row is defined
+        score = np.where(side == 0, found / best - 1 - _FLAT * eps, side * _OFFSETS[:, None])
+        score = np.where(np.isnan(found), -np.inf, score)
+        winner, column = score.argmax(0), np.arange(len(which))
+        moves = score[winner, column] > 0
+        best, centre = (np.where(moves, new[winner, column], old) for new, old in ((found, best), (points, centre)))
+        step = np.where(_OFFSETS[winner] < 0, left, right)
+        left, right = (np.where(moves, step, half) / 3 for half in (left, right))
+        history.append(best)
+    best = np.where(best > _UNBOUNDED * history[-1 - _LAST], np.inf, best)
+    found = []
+    for row in range(len(values)):
+        mine = which == row
+        tops = sorted(zip(-best[mine], centre[mine], strict=True))  # of equal ones the first along theta
+        found.append((-float(tops[0][0]), float(tops[0][1])) if tops else (np.nan, np.nan))
+    return found
+
+
+def _rounds(theta: NDArray, least: float) -> int:
+    """Rounds in which the widest step shrinks to `least`."""
+    return int(np.log(np.diff(theta).max() / least) / np.log(3)) if len(theta) > 1 else 0
+
+
+def _starts(values: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """(row, index, side) of each bracket: the largest value (0), and those with none to the left (-1) or right (1)."""
+    defined = ~np.isnan(values)
+    largest, first, last = np.zeros((3, *values.shape), bool)
+    rows = np.flatnonzero(defined.any(1))
+    largest[rows, np.nanargmax(values[rows], 1)] = True
+    first[:, 1:] = defined[:, 1:] & ~defined[:, :-1]
+    last[:, :-1] = defined[:, :-1] & ~defined[:, 1:]
+    kind, row, index = np.nonzero(np.stack([largest, first, last]))
+    return row, index, np.array([0, -1, 1])[kind]
