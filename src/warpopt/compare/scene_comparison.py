@@ -172,8 +172,6 @@ def _body(camera: Camera, receivers: Receivers | None, footprint: Footprint, fru
 
 
 def _limits(camera, lights, receivers, metric, norm, screen, shadow_map) -> np.ndarray | None:
-    if metric == "max":
-        return None
     try:
         return np.array([
             scene_limit(
