@@ -1,7 +1,22 @@
 """The tests run in float64; the library itself never decides that.
 
-Compiling is most of their time: they take the command line's settings for it. Experiments run the optimised code.
+Compiling is most of their time: they take the command line's settings for it, and what one process has compiled, the
+others read, commands and experiments that tests start included. Experiments run the optimised code.
 """
+
+import atexit
+import os
+import shutil
+import tempfile
+
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # workers have their parent's
+    _cache = tempfile.mkdtemp(prefix="warpopt-tests-")
+    atexit.register(shutil.rmtree, _cache, ignore_errors=True)
+    os.environ |= {
+        "JAX_COMPILATION_CACHE_DIR": _cache,
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.05",
+        "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+    }
 
 from warpopt.app.cli import prepare_jax
 
