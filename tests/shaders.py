@@ -1,5 +1,11 @@
-"""Real compilers and drivers for the exported code; one that misses skips the test and says how to install it."""
+"""Real compilers and drivers for the exported code.
 
+One that misses skips the test and says how to install it; with WARPOPT_TOOLS=required, which `.ci/run` sets where it
+could install them, it fails the test.
+"""
+
+import importlib
+import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -23,6 +29,19 @@ int main(void) {{
 """
 
 
+def missing(words: str) -> None:
+    """Skip the test, or fail it where the tools must be there."""
+    (pytest.fail if os.environ.get("WARPOPT_TOOLS") == "required" else pytest.skip)(words)
+
+
+def package(name: str):
+    """A package of the `test` extra."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        missing(f"{name} is not installed: pip install 'warpopt[test]'")
+
+
 def calls(closed: bool) -> dict[str, str]:
     arguments = "theta, near, far, half_fov" if closed else "theta, near, far"
     return {"eta": f"warpopt_eta({arguments})", "lam": f"warpopt_lambda({arguments})"}
@@ -31,7 +50,7 @@ def calls(closed: bool) -> dict[str, str]:
 def run_compiled(compiler: str, suffix: str, text: str, given: np.ndarray, closed: bool, folder: Path) -> np.ndarray:
     """(eta, lambda) of each row (theta, near, far, half_fov), by gcc or g++ under the sanitisers."""
     if shutil.which(compiler) is None:
-        pytest.skip(f"{compiler} is not on this machine: apt-get install {compiler}")
+        missing(f"{compiler} is not on this machine: apt-get install {compiler}")
     (folder / f"code{suffix}").write_text(text)
     c = suffix == ".h"
     main = folder / f"main{'.c' if c else '.cpp'}"
@@ -51,7 +70,7 @@ def validate(words: list[str], text: str, file: Path) -> None:
     """
     tool = shutil.which("glslangValidator") or shutil.which("glslang")
     if tool is None:
-        pytest.skip("glslangValidator is not on this machine: apt-get install glslang-tools")
+        missing("glslangValidator is not on this machine: apt-get install glslang-tools")
     file.write_text(text)
     result = subprocess.run([tool, *words, str(file)], capture_output=True, text=True)
     assert result.returncode == 0, result.stdout + result.stderr
@@ -59,12 +78,12 @@ def validate(words: list[str], text: str, file: Path) -> None:
 
 def run_glsl(version: int, text: str, given: np.ndarray, closed: bool) -> np.ndarray:
     """(eta, lambda) of each row, by a vertex shader of OpenGL through EGL, kept by transform feedback."""
-    moderngl = pytest.importorskip("moderngl", reason="moderngl is not installed: pip install 'warpopt[test]'")
+    moderngl = package("moderngl")
     try:
         context = moderngl.create_context(standalone=True, backend="egl", require=version)
     except Exception as flaw:  # what it raises depends on what is missing
         words = str(flaw).splitlines()[0]
-        pytest.skip(f"no OpenGL {version} through EGL ({words}): apt-get install libegl1 libgl1 libgl1-mesa-dri")
+        missing(f"no OpenGL {version} through EGL ({words}): apt-get install libegl1 libgl1 libgl1-mesa-dri")
     with context:
         shader = f"""#version {version}
 {text}
@@ -86,13 +105,13 @@ void main() {{
 
 def run_wgsl(text: str, given: np.ndarray, closed: bool) -> np.ndarray:
     """(eta, lambda) of each row, by a compute shader of WebGPU (wgpu-native, whose compiler is naga)."""
-    wgpu = pytest.importorskip("wgpu", reason="wgpu is not installed: pip install 'warpopt[test]'")
+    wgpu = package("wgpu")
     try:
         adapter = wgpu.gpu.request_adapter_sync(power_preference="low-power")
         device = adapter.request_device_sync()
     except Exception as flaw:
         words = str(flaw).splitlines()[0]
-        pytest.skip(f"no WebGPU adapter ({words}): apt-get install libvulkan1 mesa-vulkan-drivers")
+        missing(f"no WebGPU adapter ({words}): apt-get install libvulkan1 mesa-vulkan-drivers")
     shader = f"""{text}
 @group(0) @binding(0) var<storage, read> given: array<vec4<f32>>;
 @group(0) @binding(1) var<storage, read_write> found: array<vec2<f32>>;

@@ -4,18 +4,25 @@ import contextlib
 import io
 import json
 import os
+import re
 import shutil
+import subprocess
+import sys
+import textwrap
 from pathlib import Path
 
 import numpy as np
 import pytest
+from shaders import missing
 
+import warpopt
 from warpopt import LambdaTable
 from warpopt.app import cli, writing
 from warpopt.app import table as table_command
 
-TABLE = str(Path(__file__).parents[1] / "configs" / "table.toml")
-FAR_NEAR = str(Path(__file__).parents[1] / "configs" / "table_far_near.toml")
+ROOT = Path(__file__).parents[1]
+TABLE = str(ROOT / "configs" / "table.toml")
+FAR_NEAR = str(ROOT / "configs" / "table_far_near.toml")
 ALL = "c,cpp,glsl,hlsl,wgsl,csv,json,npz"
 LOOSE = ["--objective.max_regret", "0.05", "--view.far", "10"]  # few knots: quickly built
 
@@ -69,6 +76,24 @@ def test_every_format_is_written_and_the_same_each_time(folder, capsys):
         invoke("export", "lambda.json", "--to", "c", "--prefix", "sun", "--directory", "one") == 0
     )  # replaces its own
     assert "float sun_eta(float theta" in Path("one/lambda.h").read_text()
+
+
+def test_the_readme_goes_from_an_empty_folder_to_a_look_up(tmp_path):
+    """Its lines in a shell, but for the installation; the lambda that the program prints loses at most 0.1 %."""
+    if shutil.which("cc") is None:
+        missing("cc is not on this machine: apt-get install gcc")
+    block = re.search(r"## In your engine\n\n((?:    .*\n)+)", (ROOT / "README.md").read_text(encoding="utf-8"))[1]
+    install, *lines = textwrap.dedent(block).splitlines()
+    assert "pip install" in install
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    script = "\n".join(lines).replace(".venv/bin/warpopt", f"{sys.executable} -m warpopt.app.cli")
+    run = subprocess.run(["bash", "-e", "-c", script], cwd=tmp_path, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    lam = float(re.search(r"^lambda = (\S+)$", run.stdout, re.M)[1])
+    frustum = warpopt.ViewFrustum(0.1, 300.0, np.pi / 6)
+    best = warpopt.optimal_warp(frustum, 1.0)
+    warp = warpopt.Warp.from_lam(lam, best.warp.mu)
+    assert 1 <= warpopt.error_norm(frustum, 1.0, warp) / best.value < 1.001 + 1e-5  # printed to six digits
 
 
 def test_the_closed_form_needs_no_table(folder):

@@ -34,6 +34,36 @@ def test_the_promise_is_kept_with_few_knots(table):
     assert regret.max() <= table.achieved * (1 + 1e-9)
 
 
+@pytest.mark.parametrize(("metric", "norm", "knots"), [("q", "inf", 10), ("p", "l2", 5)])
+def test_other_objectives_keep_their_promise_too(metric, norm, knots):
+    """E_q, whose optimum jumps beyond the half field of view, and an L_P norm."""
+    table = build_table(FRUSTUM, metric, norm)
+    theta = np.random.default_rng(98).uniform(0, np.pi / 2, 20_000)
+    theta = np.concatenate([theta, np.float32(table.theta.ravel()), np.radians(30.5) + np.linspace(-1e-3, 1e-3, 2001)])
+    best = warpopt.optimal_warp(FRUSTUM, theta, metric, norm).value
+    for dtype in (np.float64, np.float32):
+        warp = warpopt.Warp.from_eta(table.eta_numpy(theta.astype(dtype)).astype(float), 1.0)
+        assert (warpopt.error_norm(FRUSTUM, theta, warp, metric, norm) / best - 1).max() <= 1e-3
+    assert table.theta.shape[-1] <= knots
+
+
+def test_a_table_over_far_near_has_few_rows():
+    """From 20 to 200 at 0.1 %: a slice of what `experiments/table_sizes.py` builds, judged at points of its own."""
+    table = build_table(FRUSTUM, depth_ratio_range=(20.0, 200.0))
+    assert table.theta.shape[0] <= 5
+    assert table.size <= 440
+    assert table.worst[1] >= 20
+    rng = np.random.default_rng(97)
+    theta, ratio = rng.uniform(0, np.pi / 2, 60_000), 20 * 10 ** rng.random(60_000)
+    ratio[:200] = table.depth_ratio[1]
+    frustum = warpopt.ViewFrustum(1.0, ratio, np.pi / 6)
+    best = warpopt.optimal_warp(frustum, theta).value
+    for dtype in (np.float64, np.float32):
+        eta = table.eta_numpy(theta.astype(dtype), ratio.astype(dtype)).astype(float)
+        regret = np.asarray(warpopt.error_norm(frustum, theta, warpopt.Warp.from_eta(eta, 1.0)) / best - 1)
+        assert 0.5e-3 < regret.max() <= 1e-3 * (1 + 1e-4)  # single precision's own
+
+
 def test_fewest_knots_is_brute_forces_fewest():
     """A zigzag tube that needs every knot, and a straight one that needs two; each polyline stays inside."""
     x = np.linspace(0, 1, 41)

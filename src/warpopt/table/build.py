@@ -23,6 +23,7 @@ from .verify import Ranges, verify
 _DIRECTIONS = 400  # at which a knot of a single row may stand, before refinement
 _SHARE = 0.97  # of the promise that the tube keeps at the samples; the rest is for what lies between
 _ROUNDS = 12
+_TRIES = 3  # of so many numbers of knots none may find rows
 _DEEP = 0.25  # in the tube: of rows whose neighbours are to have room
 _RATIO_STEP = 0.067  # of the candidates for rows, in log(far/near)
 _FOV_STEP = math.radians(0.5)
@@ -65,7 +66,8 @@ def build_table(
     Raises:
         ValueError: bad arguments.
         RuntimeError: a promise that rounding does not allow (max_regret below about 1e-6, single precision's), or that
-            takes more than 32 knots a row.
+            takes more than 32 knots a row or 64 rows (E_q in L-inf over far/near: its optimum jumps at a direction that
+            moves).
 
     Example:
         >>> import warpopt
@@ -148,18 +150,20 @@ def _one_axis(ranges: Ranges, objective: Objective, promise: float) -> _Attempts
     by_ratio = ranges.depth_ratio[0] < ranges.depth_ratio[1]
     axis, place = ("depth_ratio", _ratios(ranges)) if by_ratio else ("half_fov", _fovs(ranges))
     frusta = ranges.frusta(**{axis: place})
-    share, best = _SHARE, None
+    share = _SHARE
     while True:
         samples = Samples(frusta, objective, ranges.theta, share * promise)
         smallest = None
-        for knots in samples.finer(_DEEP, _MOST_KNOTS):
+        for tried, knots in enumerate(samples.finer(_DEEP, _MOST_KNOTS), 1):
             dense = samples.at_knots(knots)
-            rows = fewest_rows(dense, axis, place, knots, _best_heights(dense, knots), best)
-            if rows is None:
-                continue
-            if smallest is not None and rows.size >= smallest.size:
+            rows = fewest_rows(dense, axis, place, knots, _best_heights(dense, knots), smallest)
+            if rows is None and (smallest is not None or tried == _TRIES):
                 break
-            smallest = best = rows
+            smallest = rows
+        if smallest is None:
+            raise RuntimeError(
+                "got a promise for a range that takes more than 64 rows of a table: make the range narrower"
+            )
         yield smallest, promise
         share *= 0.98
 

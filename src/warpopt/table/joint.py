@@ -16,13 +16,14 @@ _PROGRAMS = 12
 _ENOUGH = 0.9  # deep in the tube: no interval gains by more
 _FIRST = 20  # of so many samples one is in the first program
 _SHORT = 0.02  # of the depth
+_MOST_ROWS = 64
 _MORE, _FEWER = 12, 4  # moves of rows that may fail: at first, and with fewer than are known to keep to the tube
 
 
 def fewest_rows(
-    samples: Samples, axis: str, place: np.ndarray, knots: np.ndarray, heights: np.ndarray, start: Rows | None = None
+    samples: Samples, axis: str, place: np.ndarray, knots: np.ndarray, heights: np.ndarray, larger: Rows | None = None
 ) -> Rows | None:
-    """A table with as few rows as keep to the tube, or None where none is found.
+    """A table with as few rows as keep to the tube, at most 64, and smaller than a given one; None where none is found.
 
     What an interval between rows lacks (1 - depth) goes with the square of its length, so that its root is a density
     of rows: by it rows are moved until all intervals are alike, and their number is foretold.
@@ -32,14 +33,16 @@ def fewest_rows(
         axis: "depth_ratio" or "half_fov": what varies from row to row.
         place: (G,) the candidates' values of it, increasing.
         knots, heights: (G, N) of the candidates; rows have their knots, and begin with their heights.
-        start: a table whose places to begin with.
+        larger: a table that keeps to the tube, whose places to begin with.
     """
     fit = Fit(samples, axis, place)
     kept, left, slack = None, _MORE, 0.1
-    if start is None:
+    most = None if larger is None else (larger.size - 1) // (1 + 2 * knots.shape[1])
+    if most is None:
         which = np.linspace(0, len(place) - 1, max(3, len(place) // 8)).round().astype(int)
     else:
-        which = np.searchsorted(place, getattr(start, axis))
+        which, left = np.searchsorted(place, getattr(larger, axis)), _FEWER
+        which = _moved(np.log(place), which, np.ones(len(which) - 1), max(2, most))
     while left:
         rows, depths = fit(place[which], knots[which], heights[which])
         lack = np.sqrt(1 - depths)
@@ -49,11 +52,15 @@ def fewest_rows(
             count = min(len(which) - 1, needed)
         else:
             left -= 1
-            count = len(which) if kept else max(len(which), needed)
+            count = len(which) if kept or most else max(len(which), needed)
+            left = left if count <= _MOST_ROWS else 0
             slack += 0.01
         if count < 2:
             break
-        which = _moved(np.log(place), which, lack, count)
+        moved = _moved(np.log(place), which, lack, count)
+        if np.array_equal(moved, which):
+            break
+        which = moved
     return kept
 
 

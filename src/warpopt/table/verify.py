@@ -76,7 +76,8 @@ def verify(
     peaks = (found > promise) & (found >= np.r_[found[1:], 0]) & (found >= np.r_[0, found[:-1]])
     broken = np.concatenate([points[peaks][:200], at[None]]) if worst > promise else np.empty((0, 3))
     theta, log_ratio, half_fov = np.clip(at, low, high)
-    return worst, (float(theta), float(np.exp(log_ratio)), float(half_fov)), broken
+    depth_ratio = np.clip(np.exp(log_ratio), *ranges.depth_ratio)  # a logarithm's exponential is not quite itself
+    return worst, (float(theta), float(depth_ratio), float(half_fov)), broken
 
 
 def _points(low: np.ndarray, high: np.ndarray, rows: Rows) -> np.ndarray:
