@@ -10,7 +10,9 @@ from warpopt import LambdaTable, build_table
 from warpopt.table.files import TableFileError
 from warpopt.table.heights import best_heights
 from warpopt.table.polyline import fewest_knots
+from warpopt.table.slope import least_of_all
 from warpopt.table.tube import Objective, Tube, tube
+from warpopt.table.verify import Ranges
 
 FRUSTUM = warpopt.ViewFrustum(1.0, 100.0, np.pi / 6)
 
@@ -199,11 +201,27 @@ def test_linear_programs_fit_as_least_squares_cannot():
     assert heights[1] / heights[0] - 1 <= 1 + 1e-9
 
 
+def test_a_bound_on_the_slope_holds_between_rows_too():
+    """Over far/near from 20 to 40, where 5 per radian cost some regret: at most a quarter more than they must."""
+    table = build_table(FRUSTUM, depth_ratio_range=(20.0, 40.0), max_slope=5.0)
+    theta = np.linspace(0, np.pi / 2, 4001)
+    ratio = np.linspace(20.0, 40.0, 23)[:, None]
+    log_eta = np.log(table.eta_numpy(theta, ratio))
+    steepest = np.abs(np.diff(log_eta) / np.diff(theta)).max()
+    assert 4.5 < steepest < 5 * (1 + 1e-4)  # single precision's knots
+    ranges = Ranges((0.0, np.pi / 2), (20.0, 40.0), (np.pi / 6, np.pi / 6))
+    least = least_of_all(ranges, Objective("p", np.inf, "screen"), 5.0, warpopt.ViewFrustum(1.0, 40.0, np.pi / 6))
+    assert 1e-3 < least < table.achieved < 1.26 * least
+
+
+BOTH = {"half_fov_range": (0.4, 0.5), "depth_ratio_range": (10.0, 20.0)}
+
+
 def test_bad_arguments_are_named():
     for words, arguments in (
         ("depth_ratio_range", {"depth_ratio_range": (0.5, 3.0)}), ("half_fov_range", {"half_fov_range": (0.5, 0.4)}),
         ("max_slope: got -1", {"max_slope": -1}), ("max_regret", {"max_regret": 0}),
-        ("max_slope: got one with a range", {"max_slope": 1.0, "half_fov_range": (0.4, 0.5)}),
+        ("max_slope: got one with ranges of", {"max_slope": 1.0, **BOTH}),
         ("theta_range", {"theta_range": (1.0, 0.5)}),
     ):  # fmt: skip
         with pytest.raises(ValueError, match=words):

@@ -70,7 +70,7 @@ class TableObjective(OneObjective):
     max_regret: Positive = 1e-3
     """The promise: value/minimum - 1 stays below it in every direction."""
     max_slope: Positive | None = None
-    """Bound on |d log(eta) / d theta| per radian, under which the largest regret is then the least possible."""
+    """Bound on |d log(eta) / d theta| per radian, under which the largest regret is close to the least possible."""
 
 
 ENDINGS = (".npz", ".csv", ".json")

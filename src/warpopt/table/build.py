@@ -3,6 +3,7 @@
 import math
 from collections.abc import Generator
 
+import jax
 import numpy as np
 
 import warpopt
@@ -16,13 +17,15 @@ from .landmarks import landmarks, with_axes
 from .look_up import Rows
 from .polyline import fewest_knots
 from .samples import Samples
-from .slope import least_regret
+from .slope import least_of_all, least_regret
 from .tube import Objective, tube
 from .verify import Ranges, verify
 
 _DIRECTIONS = 400  # at which a knot of a single row may stand, before refinement
 _SHARE = 0.97  # of the promise that the tube keeps at the samples; the rest is for what lies between
 _ROUNDS = 12
+_ALLOWED = 1.25  # times the least regret that any function with the slope has, for a table of several rows
+_JUDGED = 9  # candidates whose least regret under a bound on the slope is found
 _TRIES = 3  # of so many numbers of knots none may find rows
 _DEEP = 0.25  # in the tube: of rows whose neighbours are to have room
 _RATIO_STEP = 0.067  # of the candidates for rows, in log(far/near)
@@ -60,8 +63,8 @@ def build_table(
         depth_ratio_range: smallest and largest far/near, > 1, for a table over it.
         half_fov_range: smallest and largest half field of view, radians, within (0, pi/2), likewise.
         max_slope: bound on |d log(eta) / d theta|, per radian, so that a moving light does not make shadows swim. The
-            table's largest regret is then max_regret, or within 10 % of the least that the bound allows where that is
-            more; `promised` says what it keeps. For one far/near and field of view.
+            table's largest regret is then max_regret or, where that is more, within 10 % of the least that the bound
+            allows (25 % with a range); `promised` says what it keeps. With one range at most.
 
     Raises:
         ValueError: bad arguments.
@@ -82,15 +85,19 @@ def build_table(
         raise ValueError(f"max_regret: got {max_regret!r}, expected a finite number > 0")
     if max_slope is not None and not (isinstance(max_slope, int | float) and 0 < max_slope < math.inf):
         raise ValueError(f"max_slope: got {max_slope!r}, expected a finite number > 0, or None")
-    if max_slope is not None and not ranges.single:
-        raise ValueError("max_slope: got one with a range of far/near or of the field of view, expected none of these")
+    axes = sum(low < high for low, high in (ranges.depth_ratio, ranges.half_fov))
+    if max_slope is not None and axes == 2:
+        raise ValueError(
+            "max_slope: got one with ranges of far/near and of the field of view, expected one range at most"
+        )
     error_norm = ErrorNorm.of(metric, norm, measure)
     objective = Objective(metric, error_norm.order, measure)
-    if max_slope is not None:
+    if max_slope is not None and axes == 0:
         attempts = _bounded(ranges, objective, max_slope, _SHARE * float(max_regret))
+    elif axes == 1:
+        attempts = _one_axis(ranges, objective, float(max_regret), math.inf if max_slope is None else float(max_slope))
     else:
-        axes = sum(low < high for low, high in (ranges.depth_ratio, ranges.half_fov))
-        attempts = (_single_row, _one_axis, _two_axes)[axes](ranges, objective, float(max_regret))
+        attempts = (_two_axes if axes else _single_row)(ranges, objective, float(max_regret))
     rows, promise = next(attempts)
     for _ in range(_ROUNDS):
         # What engines keep: single precision. The promise is kept by these numbers.
@@ -145,16 +152,20 @@ def _single_row(ranges: Ranges, objective: Objective, promise: float) -> _Attemp
         share *= 0.98  # more room for what single precision loses where a piece is steep
 
 
-def _one_axis(ranges: Ranges, objective: Objective, promise: float) -> _Attempts:
+def _one_axis(ranges: Ranges, objective: Objective, promise: float, max_slope: float) -> _Attempts:
     """The fewest rows with few knots each, then with more, for as long as that makes the table smaller."""
     by_ratio = ranges.depth_ratio[0] < ranges.depth_ratio[1]
     axis, place = ("depth_ratio", _ratios(ranges)) if by_ratio else ("half_fov", _fovs(ranges))
     frusta = ranges.frusta(**{axis: place})
     share = _SHARE
+    if max_slope < math.inf:
+        some = np.unique(np.linspace(0, len(place) - 1, _JUDGED).round().astype(int))
+        each = (jax.tree.map(lambda v, k=k: v[k], frusta) for k in some)
+        promise = max(promise, _ALLOWED * max(least_of_all(ranges, objective, max_slope, one) for one in each))
     while True:
-        samples = Samples(frusta, objective, ranges.theta, share * promise)
+        samples = Samples(frusta, objective, ranges.theta, share * promise, max_slope)
         smallest = None
-        for tried, knots in enumerate(samples.finer(_DEEP, _MOST_KNOTS), 1):
+        for tried, knots in enumerate(samples.finer(_DEEP if max_slope == math.inf else 0.0, _MOST_KNOTS), 1):
             dense = samples.at_knots(knots)
             rows = fewest_rows(dense, axis, place, knots, _best_heights(dense, knots), smallest)
             if rows is None and (smallest is not None or tried == _TRIES):
@@ -183,7 +194,7 @@ def _two_axes(ranges: Ranges, objective: Objective, promise: float) -> _Attempts
 
 
 def _best_heights(samples: Samples, knots: np.ndarray) -> np.ndarray:
-    heights, _ = samples.heights(knots, math.inf, np.arange(len(knots)))
+    heights, _ = samples.heights(knots, np.arange(len(knots)))
     return np.minimum(heights, _NO_WARP)
 
 

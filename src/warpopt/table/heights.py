@@ -27,14 +27,8 @@ def best_heights(knots: np.ndarray, theta: np.ndarray, around: Tube, max_slope: 
     where = np.tile(np.arange(len(theta)), 2), np.concatenate([piece, piece + 1])
     polyline = scipy.sparse.csr_matrix((entries, where), (len(theta), count))
     matrix, limit = inside(polyline, np.zeros(len(theta)), around, np.zeros(len(theta), int), 1)
-    parts, limits = [matrix], [limit]
-    if np.isfinite(max_slope):
-        step = max_slope * np.diff(knots)
-        one, other = np.eye(count + 1)[: count - 1], np.eye(count + 1)[1:count]
-        for rising in (other - one, one - other):
-            for end in (one, other):
-                parts.append(scipy.sparse.csr_matrix(rising - step[:, None] * end))
-                limits.append(np.zeros(count - 1))
+    steepness = scipy.sparse.hstack([slope_limits(knots, max_slope), scipy.sparse.csr_matrix((4 * (count - 1), 1))])
+    parts, limits = [matrix, steepness], [limit, np.zeros(4 * (count - 1))]
     cost = np.append(np.zeros(count), -1.0)
     bounds = [(around.lower.min() / 2, _HIGHEST)] * count + [(None, 1.0)]
     found = scipy.optimize.linprog(
@@ -43,6 +37,18 @@ def best_heights(knots: np.ndarray, theta: np.ndarray, around: Tube, max_slope: 
     if not found.success:
         raise RuntimeError(f"best_heights: {found.message}")
     return found.x[:-1], float(found.x[-1])
+
+
+def slope_limits(knots: np.ndarray, max_slope: float) -> scipy.sparse.csr_matrix:
+    """(4 (N - 1), N) A of A heights <= 0: no piece has |d log(height) / d theta| > max_slope at either of its ends."""
+    count = len(knots)
+    step = max_slope * np.diff(knots)[:, None]
+    one, other = np.eye(count)[:-1], np.eye(count)[1:]
+    if not np.isfinite(max_slope):
+        return scipy.sparse.csr_matrix((4 * (count - 1), count))
+    return scipy.sparse.csr_matrix(
+        np.concatenate([rising - step * end for rising in (other - one, one - other) for end in (one, other)])
+    )
 
 
 def inside(

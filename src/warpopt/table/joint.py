@@ -6,7 +6,7 @@ import numpy as np
 import scipy.optimize
 import scipy.sparse
 
-from .heights import inside
+from .heights import inside, slope_limits
 from .look_up import Rows, between_fovs, between_ratios, look_up, on_piece
 from .samples import Samples
 from .tube import Tube
@@ -42,7 +42,9 @@ def fewest_rows(
         which = np.linspace(0, len(place) - 1, max(3, len(place) // 8)).round().astype(int)
     else:
         which, left = np.searchsorted(place, getattr(larger, axis)), _FEWER
-        which = _moved(np.log(place), which, np.ones(len(which) - 1), max(2, most))
+        if most < 2:
+            return None
+        which = _moved(np.log(place), which, np.ones(len(which) - 1), most)
     while left:
         rows, depths = fit(place[which], knots[which], heights[which])
         lack = np.sqrt(1 - depths)
@@ -84,6 +86,7 @@ class Fit:
     def __init__(self, samples: Samples, axis: str, place: np.ndarray):
         self.theta, self.tube = samples.theta, Tube(*(v.ravel() for v in samples.tube))
         self.place, self.by_ratio = place, axis == "depth_ratio"
+        self.max_slope = samples.max_slope
 
     def __call__(self, along: np.ndarray, knots: np.ndarray, heights: np.ndarray) -> tuple[Rows, np.ndarray]:
         """(the rows, the depths (R - 1,)) at places (R,) with knots (R, N), from heights (R, N) to begin with."""
@@ -103,9 +106,14 @@ class Fit:
         active = np.arange(len(value)) % _FIRST == 0
         cost = np.concatenate([np.zeros(size), -np.ones(intervals)])
         bounds = [(-_STEP, _STEP)] * size + [(None, _ENOUGH)] * intervals
+        # Between rows log(eta) and the knots' distances are blended alike: it is nowhere steeper than on the rows.
+        steepness = scipy.sparse.block_diag([slope_limits(row, self.max_slope) for row in knots], "csr")
         for _ in range(_PROGRAMS):
             few = Tube(*(v[active] for v in self.tube))
             program, limits = inside(slope[active], value[active], few, interval[active], intervals)
+            steeper = scipy.sparse.hstack([steepness.multiply(heights.ravel()), 0 * steepness[:, :intervals]])
+            program = scipy.sparse.vstack([program, steeper])
+            limits = np.concatenate([limits, -(steepness @ heights.ravel())])
             found = scipy.optimize.linprog(cost, program, limits, bounds=bounds, method="highs-ipm")
             if not found.success:
                 break

@@ -1,6 +1,7 @@
 """The tube of many view frusta at matching directions: what a table's knots are chosen from."""
 
 import copy
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -23,9 +24,18 @@ class Samples:
     Attributes:
         landmarks: (G, K).
         theta, tube: (G, S): directions, and the tube there.
+        max_slope: bound on |d log(eta) / d theta|, or inf.
     """
 
-    def __init__(self, frusta: ViewFrustum, objective: Objective, theta_range: tuple[float, float], max_regret: float):
+    def __init__(
+        self,
+        frusta: ViewFrustum,
+        objective: Objective,
+        theta_range: tuple[float, float],
+        max_regret: float,
+        max_slope: float = math.inf,
+    ):
+        self.max_slope = max_slope
         found = landmarks(frusta, objective, *theta_range)
         found = _with_jumps(frusta, objective, found, max_regret)
         spans = np.diff(found, axis=1)
@@ -66,10 +76,10 @@ class Samples:
         both.tube = Tube(*(np.concatenate(pair, 1) for pair in zip(self.tube, self._tube_at(more), strict=True)))
         return both
 
-    def heights(self, knots: np.ndarray, max_slope: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def heights(self, knots: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(best heights (G, N), how deep inside the tube (G,)) of some of the frusta's knots; see `best_heights`."""
         tubes = {g: Tube(*(v[g] for v in self.tube)) for g in which}
-        fits = [best_heights(knots[g], self.theta[g], tubes[g], max_slope) for g in which]
+        fits = [best_heights(knots[g], self.theta[g], tubes[g], self.max_slope) for g in which]
         return np.stack([heights for heights, _ in fits]), np.array([depth for _, depth in fits])
 
     def finer(self, wanted: float, most: int) -> Iterator[np.ndarray]:
@@ -84,7 +94,7 @@ class Samples:
         some = np.unique(np.linspace(0, len(self.theta) - 1, 24).round().astype(int))
 
         def depth(pieces: np.ndarray, among: np.ndarray) -> np.ndarray:
-            return self.heights(self.knots(pieces), np.inf, among)[1]
+            return self.heights(self.knots(pieces), among)[1]
 
         while pieces.sum() < most:
             depths = depth(pieces, some)

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 
+from ..theory.frustum import ViewFrustum
 from .bisection import bisected
 from .heights import best_heights
 from .landmarks import landmarks, with_axes
@@ -52,16 +53,17 @@ def least_regret(ranges: Ranges, objective: Objective, max_slope: float, wanted:
     raise RuntimeError(f"max_slope: got {max_slope:g}, which {_KNOTS[-1]} knots do not keep at a regret of {regret:g}")
 
 
-def least_of_all(ranges: Ranges, objective: Objective, max_slope: float) -> float:
-    """The least largest regret of any function log(eta) of theta with the slope.
+def least_of_all(ranges: Ranges, objective: Objective, max_slope: float, frustum: ViewFrustum | None = None) -> float:
+    """The least largest regret of any function log(eta) of theta with the slope, for one frustum.
 
     A function with that slope passes through all tubes exactly if it does through any two (McShane's extension).
     """
+    frustum = ranges.frusta() if frustum is None else frustum
     theta = np.linspace(*ranges.theta, _SAMPLES)
     reach = max_slope * np.abs(theta[:, None] - theta)
 
     def kept(regret: float) -> bool:
-        around = tube(ranges.frusta(), theta, objective, regret)
+        around = tube(frustum, theta, objective, regret)
         lower, upper = np.log(around.lower), np.minimum(np.log(around.upper), 0)
         return bool((lower[:, None] - upper <= reach).all())
 
