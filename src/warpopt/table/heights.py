@@ -42,10 +42,10 @@ def best_heights(knots: np.ndarray, theta: np.ndarray, around: Tube, max_slope: 
 def slope_limits(knots: np.ndarray, max_slope: float) -> scipy.sparse.csr_matrix:
     """(4 (N - 1), N) A of A heights <= 0: no piece has |d log(height) / d theta| > max_slope at either of its ends."""
     count = len(knots)
-    step = max_slope * np.diff(knots)[:, None]
-    one, other = np.eye(count)[:-1], np.eye(count)[1:]
     if not np.isfinite(max_slope):
         return scipy.sparse.csr_matrix((4 * (count - 1), count))
+    step = max_slope * np.diff(knots)[:, None]
+    one, other = np.eye(count)[:-1], np.eye(count)[1:]
     return scipy.sparse.csr_matrix(
         np.concatenate([rising - step * end for rising in (other - one, one - other) for end in (one, other)])
     )
