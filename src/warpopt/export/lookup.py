@@ -13,8 +13,6 @@ from .program import ETA_NOTE, HOW_TO, LAMBDA_NOTE, NO_WARP, Function, Program, 
 
 # Where a value stands on an axis of several rows: the row, and the share on the way to the next.
 _RATIO = """
-int ratio = 0;
-for (int k = 1; k < $RATIOS - 1; k++) { if (v > $ROOT_RATIO[k] * $ROOT_RATIO[k]) { ratio = k; } }
 float low = $ROOT_RATIO[ratio];
 float high = $ROOT_RATIO[ratio + 1];
 float along = high * (v - low * low) / ((high - low) * (v + low * high));
@@ -23,22 +21,20 @@ if (along > 1.0f) { along = 1.0f; }
 if (v > high * high) { along = 1.0f; }
 """
 _FOV = """
-int fov = 0;
-for (int k = 1; k < $FOVS - 1; k++) { if (half_fov > $HALF_FOV[k]) { fov = k; } }
 float across = (half_fov - $HALF_FOV[fov]) / ($HALF_FOV[fov + 1] - $HALF_FOV[fov]);
 if (!(across > 0.0f)) { across = 0.0f; }
 if (across > 1.0f) { across = 1.0f; }
 """
 _KNOT = """
-for (int k = 1; k < $KNOTS - 1; k++) {{
-{at}    if (x > here) {{ i = k; start = here; }}
+if (i + {step} < $KNOTS - 1) {{
+{at}    if (x > here) {{ i = i + {step}; }}
 }}
 """
 _SHARES = {"ratio": "along", "fov": "across"}
 _FOLD = """
 float x = theta;
 float eta = 1.0f;
-if (x > $HALF_PI) { x = $PI - x; }
+if (x > $HALF_PI) { x = ($PI - x) + $PI_REST; }
 """
 
 
@@ -60,7 +56,21 @@ def _mixed(axes: list[str], of: Callable[[str], str], name: str, row: str = "") 
     return text, f"{name}_low + {_SHARES[axis]} * ({name}_high - {name}_low)"
 
 
-def _eta_body(axes: list[str]) -> str:
+def _steps(count: int) -> list[int]:
+    """Steps of a bisection among so many entries, the last but one of which is the farthest."""
+    return [2**k for k in reversed(range(max(1, count - 2).bit_length()))] if count > 2 else []
+
+
+def _search(name: str, size: str, count: int, beyond: str) -> str:
+    """Statements: the last entry, of those that a piece begins at, that a value is beyond."""
+    lines = [f"int {name} = 0;\n"]
+    for step in _steps(count):
+        test = beyond.format(at=f"{name} + {step}")
+        lines.append(f"if ({name} + {step} < {size} - 1) {{ if ({test}) {{ {name} = {name} + {step}; }} }}\n")
+    return "".join(lines)
+
+
+def _eta_body(axes: list[str], ratios: int, fovs: int, knots: int) -> str:
     """The look-up over a table's axes: "ratio" (far/near), "fov" (half field of view), both or none."""
 
     def knot(index: str, name: str) -> tuple[str, str]:
@@ -83,13 +93,18 @@ def _eta_body(axes: list[str]) -> str:
     if "fov" in axes:
         valid += " && half_fov == half_fov"
     body = ""
-    body += _RATIO * ("ratio" in axes) + _FOV * ("fov" in axes)
-    text, first = knot("0", "first")
-    body += f"int i = 0;\n{text}float start = {first};\n"
-    text, here = knot("k", "at")
-    body += _KNOT.format(at="".join(f"    {line}\n" for line in f"{text}float here = {here};".split("\n")))
-    text, end = knot("i + 1", "next")
-    body += f"{text}float end = {end};\n"
+    if "ratio" in axes:
+        body += _search("ratio", "$RATIOS", ratios, "v > $ROOT_RATIO[{at}] * $ROOT_RATIO[{at}]") + _RATIO
+    if "fov" in axes:
+        body += _search("fov", "$FOVS", fovs, "half_fov > $HALF_FOV[{at}]") + _FOV
+    body += "int i = 0;\n"
+    for step in _steps(knots):
+        text, here = knot(f"i + {step}", "at")
+        at = "".join(f"    {line}\n" for line in f"{text}float here = {here};".split("\n"))
+        body += _KNOT.format(step=step, at=at).lstrip("\n")
+    for name, index in (("start", "i"), ("end", "i + 1")):
+        text, found = knot(index, name)
+        body += f"{text}float {name} = {found};\n"
     body += "float share = 0.0f;\nif (end > start) { share = (x - start) / (end - start); }\n"
     body += "if (!(share > 0.0f)) { share = 0.0f; }\nif (share > 1.0f) { share = 1.0f; }\n"
     body += f"float value = {height(least)};\n"
@@ -142,7 +157,9 @@ def source(table: LambdaTable, language: Language, prefix: str = "warpopt") -> s
     """
     rows = table.rows
     axes = [name for name, axis in (("ratio", rows.depth_ratio), ("fov", rows.half_fov)) if len(axis) > 1]
-    constants = {"KNOTS": table.theta.shape[-1], "PI": math.pi, "HALF_PI": math.pi / 2, "NO_WARP": NO_WARP}
+    pi = float(np.float32(np.pi))
+    constants = {"KNOTS": table.theta.shape[-1], "PI": pi, "PI_REST": np.pi - pi, "HALF_PI": np.pi / 2}
+    constants["NO_WARP"] = NO_WARP
     arrays, parameters, tangent = {}, ("theta", "z_near", "z_far"), "$TAN_PHI"
     if "ratio" in axes:
         constants["RATIOS"], arrays["ROOT_RATIO"] = len(rows.depth_ratio), np.sqrt(rows.depth_ratio)
@@ -153,7 +170,7 @@ def source(table: LambdaTable, language: Language, prefix: str = "warpopt") -> s
         constants["TAN_PHI"] = math.tan(rows.half_fov[0])
     arrays |= {"THETA": rows.theta.ravel(), "ETA": rows.eta.ravel()}
     functions = (
-        Function("eta", ETA_NOTE, parameters, _eta_body(axes)),
+        Function("eta", ETA_NOTE, parameters, _eta_body(axes, *table.theta.shape)),
         Function("lambda", LAMBDA_NOTE, parameters, _LAMBDA.format(parameters=", ".join(parameters), tangent=tangent)),
     )
     return text_of(Program([*_notes(table), *HOW_TO], constants, arrays, functions), language, prefix)

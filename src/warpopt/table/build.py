@@ -157,6 +157,7 @@ def _one_axis(ranges: Ranges, objective: Objective, promise: float, max_slope: f
     by_ratio = ranges.depth_ratio[0] < ranges.depth_ratio[1]
     axis, place = ("depth_ratio", _ratios(ranges)) if by_ratio else ("half_fov", _fovs(ranges))
     frusta = ranges.frusta(**{axis: place})
+    fixed = {name: np.array(getattr(ranges, name)[:1]) for name in ("depth_ratio", "half_fov") if name != axis}
     share = _SHARE
     if max_slope < math.inf:
         some = np.unique(np.linspace(0, len(place) - 1, _JUDGED).round().astype(int))
@@ -175,7 +176,7 @@ def _one_axis(ranges: Ranges, objective: Objective, promise: float, max_slope: f
             raise RuntimeError(
                 "got a promise for a range that takes more than 64 rows of a table: make the range narrower"
             )
-        yield smallest, promise
+        yield smallest._replace(**fixed), promise
         share *= 0.98
 
 

@@ -42,7 +42,8 @@ def look_up(theta, depth_ratio, half_fov, rows: Rows, xp):
     dtype = theta.dtype
     rows = Rows(*(xp.asarray(v.astype(dtype)) for v in rows))
     pi, half = np.asarray(np.pi, dtype), np.asarray(np.pi / 2, dtype)
-    folded = xp.where(theta > half, pi - theta, theta)
+    rest = np.asarray(np.pi - float(pi), dtype)  # what single precision's pi lacks: kinks are steep
+    folded = xp.where(theta > half, (pi - theta) + rest, theta)
     axes = [
         of(value, axis, xp)
         for value, axis, of in (
