@@ -134,7 +134,7 @@ def test_rules_are_applied_to_the_receivers_and_a_users_keeps_its_apex(boxed, ve
 def test_a_body_that_is_the_frustum_gives_the_frustum_s_warps():
     frustum, theta = warpopt.ViewFrustum(1.0, 100.0, PHI), np.deg2rad(np.array([35.0, 120.0]))
     space = warpopt.LightSpace(frustum, jnp.asarray(theta))
-    whole = Body(frustum.near, frustum.far, frustum.half_fov, space.minimum_depth, space.mu, frustum.near)
+    whole = Body(frustum.near, frustum.far, frustum.half_fov, space.minimum_depth, space.mu, frustum.near, frustum.far)
     every = [rule for name, rule in KNOWN.items() if name != "tsm_alternative"]  # which is of the frustum alone
     pairs = jax.jit(lambda: [[rule(body, theta) for body in (whole, frustum)] for rule in every])()
     for got, expected in pairs:
@@ -156,7 +156,8 @@ def test_rules_are_told_the_nearest_and_farthest_depth_that_is_seen(receivers, n
     extent = types.SimpleNamespace(start=3.0, mu=20.0)
     body = scene_comparison._body(ahead, receivers, extent, warpopt.ViewFrustum(1.0, 100.0, 0.45))
     assert (float(body.near), float(body.far)) == (pytest.approx(near, rel=4 * EPS), pytest.approx(far, rel=4 * EPS))
-    assert (body.start, body.mu, float(body.half_fov), float(body.camera_near)) == (3.0, 20.0, 0.45, 1.0)
+    assert (body.start, body.mu, float(body.half_fov)) == (3.0, 20.0, 0.45)
+    assert (float(body.camera_near), float(body.camera_far)) == (1.0, 100.0)
 
 
 def test_an_empty_scene_and_bad_lights():

@@ -41,9 +41,9 @@ def compare_scene_rules(
 ) -> Comparison:
     """Rules for lambda beside the optimum and the limit, over what is seen, for each of several lights.
 
-    warpopt's own rules are applied as engines apply them, to the receivers (`rules.Body`): n and f are the nearest and
-    farthest eye depth, y_min and d the start and length of their extent along Z_w, half_fov that of the frustum with
-    the camera's window along the warp; Filament's hints count from the camera's own near plane. A rule of the user's,
+    warpopt's own rules are applied as their sources apply them, to the receivers (`rules.Body`): n and f are the nearest
+    and farthest eye depth (or the camera's own planes, where a source takes those), y_min and d the start and length of
+    their extent along Z_w, half_fov that of the frustum with the camera's window along the warp. A rule of the user's,
     and `tsm_alternative`, whose focus region is a part of V, are given V as (frustum, theta), and their apex is kept in
     eye coordinates: lambda over the receivers is lambda + start - start of V, eta = lambda / (lambda + mu); not defined
     where that is not positive.
@@ -168,7 +168,7 @@ def _body(camera: Camera, receivers: Receivers | None, footprint: Footprint, fru
         there = jnp.ones(2, bool)
     near, far = jnp.where(there, z, jnp.inf).min(), jnp.where(there, z, -jnp.inf).max()
     near, far = (jnp.where(there.any(), v, end) for v, end in ((near, camera.near), (far, camera.far)))
-    return Body(near, far, frustum.half_fov, footprint.start, footprint.mu, camera.near)
+    return Body(near, far, frustum.half_fov, footprint.start, footprint.mu, camera.near, camera.far)
 
 
 def _limits(camera, lights, receivers, metric, norm, screen, shadow_map) -> np.ndarray | None:
