@@ -19,7 +19,7 @@ from .._numerics import larger, smaller
 from ..theory.frustum import ViewFrustum
 from ..theory.light_space import LightSpace, checked_theta
 from ..theory.warp import Warp
-from .body import Body, BodySpace, camera_planes, parameter, space_of, warp_of_product
+from .body import BodySpace, camera_planes, parameter, space_of, warp_of_product
 
 
 def lispsm_paper(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
