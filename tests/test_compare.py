@@ -17,14 +17,16 @@ from twin import Scene, mp
 
 import warpopt
 from warpopt.app import cli, compare, compare_figures
-from warpopt.app.compare_config import CompareConfig, RuleName, read_compare_config
+from warpopt.app.compare_config import CompareConfig, RuleName, RulesConfig, own_rules, read_compare_config
 from warpopt.app.compare_report import intervals_text
 from warpopt.app.names import RULE_NAMES, rule_title
+from warpopt.compare import rule_set
 from warpopt.compare.peaks import first_largest, peaks
 from warpopt.compare.regions import regions
 from warpopt.compare.rule_set import KNOWN
 
 EPS = np.finfo(float).eps
+CONFIGS = Path(__file__).parents[1] / "configs"
 PHI = math.radians(30.0)
 FRUSTUM = warpopt.ViewFrustum(1.0, 100.0, PHI)
 THETA = np.deg2rad([0.0, 5.0, 12.0, 30.0, 45.0, 60.0, 90.0])
@@ -268,9 +270,19 @@ def test_a_users_rule_is_a_rule(comparison):
     assert comparison.values[i, -1] == pytest.approx(comparison.values[j, -1], rel=8 * EPS)
 
 
+def test_a_rule_of_one_angle_is_called_for_each():
+    """`math` and an `if`, which no array passes; the shipped examples, one of each kind, from their module."""
+    own = own_rules(RulesConfig(own={"half": "my_rules:half_way", "overhead": "my_rules:overhead"}), CONFIGS)
+    eta, defined = rule_set.warps_of(own, FRUSTUM, jnp.asarray(THETA))
+    assert defined.all()
+    np.testing.assert_allclose(eta[0] ** 2, warpopt.rules.lispsm(FRUSTUM, THETA).eta, rtol=4 * EPS)
+    mu = np.asarray(warpopt.LightSpace(FRUSTUM, jnp.asarray(THETA)).mu)
+    np.testing.assert_allclose(eta[1], np.where(THETA < math.radians(10), 1, 11 / (11 + mu)), rtol=8 * EPS)
+
+
 def test_rules_come_as_names_callables_or_a_dict():
     def names(rules):
-        return tuple(warpopt.compare.rule_set.rule_set(rules))
+        return tuple(rule_set.rule_set(rules))
 
     assert names(None) == (*warpopt.rules.PUBLISHED, *warpopt.rules.ENGINES)
     assert names("tsm") == ("tsm",)
@@ -287,6 +299,7 @@ def test_rules_come_as_names_callables_or_a_dict():
         ([], "got none"),
         ([tenth, tenth], "got 'tenth' twice"),
         (lambda f, t: 11.0, "got float from it, expected a warpopt.Warp"),
+        (lambda f, t: math.sin("x"), r"it raised TypeError: .* called with theta of shape \(\)"),
         (lambda f, t: 1 / 0, "it raised ZeroDivisionError: division by zero"),
         (lambda f, t: warpopt.Warp.from_eta(np.full(3, 0.1), 1.0), r"shape \(3,\) from it, expected theta's \(7,\)"),
         (lambda f, t: warpopt.Warp(t, 1 - t, t, np.array(True)), "got eta = 0 from it at theta = 0 degrees"),
@@ -470,7 +483,6 @@ def test_schema_and_overrides(capsys):
     cli.main(["schema", "--of", "compare"])
     schema = json.loads(capsys.readouterr().out)
     assert [kind["$ref"].rpartition("/")[2] for kind in schema["anyOf"]] == ["CompareConfig", "SceneCompareConfig"]
-    example = Path(__file__).parents[1] / "configs/compare.toml"
-    config = read_compare_config(example, ["--view.far", "500", "--rules.own.mine", "a.b:c"])
+    config = read_compare_config(CONFIGS / "compare.toml", ["--view.far", "500", "--rules.own.mine", "a.b:c"])
     assert isinstance(config, CompareConfig)
     assert (config.view.far, config.rules.own) == (500.0, {"mine": "a.b:c"})

@@ -179,8 +179,9 @@ def compare_rules(
     Args:
         frustum: one view frustum.
         theta: (T,) increasing angles between light and view direction, radians in [0, pi].
-        rules: a name of `rules.PUBLISHED` or `rules.ENGINES`, a callable (frustum, theta of shape (T,)) -> Warp, a
-            list of these, or a dict that gives them names; every published and engine rule if None.
+        rules: a name of `rules.PUBLISHED` or `rules.ENGINES`, a callable (frustum, theta) -> Warp, a list of
+            these, or a dict that gives them names; every published and engine rule if None. A callable is given theta
+            of shape (T,), or, if it raises a TypeError or a ValueError at that, one angle at a time, which is slower.
         metric, norm, measure: as in `optimal_warp`.
 
     Raises:
