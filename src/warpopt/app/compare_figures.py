@@ -220,7 +220,7 @@ def map_figure(compared: list["Compared"]) -> Figure:
     columns = min(len(compared), 2)
     rows = -(-len(compared) // columns)
     limited = any(c.result.limit is not None for c in compared)
-    width, left, numbers, down = 3.3, 1.95, 1.4 if limited else 0.95, 0.52
+    width, left, numbers, down = 3.3, 1.95, 1.5 if limited else 0.95, 0.52
     height = _CELL * (count + limited)
     scene = compared[0].result.regions is None
     foot = 0.95 if scene else 0.85
