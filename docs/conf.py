@@ -18,7 +18,8 @@ html_show_copyright = html_copy_source = html_show_sourcelink = False
 
 root_doc = "README"
 include_patterns = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md"]
-PAGES = ["objectives", "gallery", "engines", "theory", "corrections", "claims", "performance", "scaling", "reference"]
+PAGES = ["objectives", "comparing", "gallery", "engines", "theory", "corrections", "claims", "performance", "scaling"]
+PAGES += ["reference"]
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 myst_enable_extensions = ["dollarmath"]

@@ -1,6 +1,7 @@
 """The pictures of docs/gallery.md out of finished runs: the same pixels in fewer bytes.
 
-After `warpopt run configs/paper.toml`, `warpopt compare configs/compare.toml`, `warpopt scene configs/landscape.toml`.
+After `warpopt run configs/paper.toml`, `warpopt scene configs/landscape.toml`, and `warpopt compare` of
+configs/compare.toml and configs/compare_landscape.toml.
 """
 
 import argparse
@@ -15,6 +16,7 @@ PICTURES = {
     "error_distribution.png": ("paper/error_distribution.png", PALETTE),
     "focus_region.png": ("paper/focus_region.png", LOSSLESS),
     "compare.png": ("compare/map.png", PALETTE),
+    "compare_landscape.png": ("compare_landscape/map.png", PALETTE),
     "landscape.png": ("landscape/error_map_camera0_light11_p_inf.png", LOSSLESS),
     "light_path.png": ("landscape/light_path.png", LOSSLESS),
 }

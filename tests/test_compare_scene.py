@@ -84,15 +84,20 @@ def test_norms_are_the_largest_error_over_the_receivers(boxed, vertices):
     assert (np.nan_to_num(boxed.ratio, nan=1) >= 1 - 100 * EPS).all()
     assert (boxed.ratio > 1.01).any()
     assert boxed.limit is None
+    assert boxed.no_limit_because == "No limit is known for a product of E_p and E_q."
 
 
 def test_limits_are_those_that_are_known():
+    """Each light's own; of the maximum of E_p and E_q the larger; where there is none, the reason in words."""
     problem = CAMERA, lights_of(LIGHTS[:2]), BODY
-    found = scene_comparison._limits(*problem, "p", "inf", None, None)
-    expected = [warpopt.scene_limit(CAMERA, warpopt.DirectionalLight(light), BODY) for light in LIGHTS[:2]]
-    np.testing.assert_allclose(found, expected, rtol=10 * EPS)
-    for metric, norm in (("max", "inf"), ("p", "l2")):
-        assert scene_comparison._limits(*problem, metric, norm, None, None) is None
+    lights = [warpopt.DirectionalLight(direction) for direction in LIGHTS[:2]]
+    each = {metric: [warpopt.scene_limit(CAMERA, light, BODY, metric) for light in lights] for metric in ("p", "q")}
+    for metric, expected in (*each.items(), ("max", np.maximum(each["p"], each["q"]))):
+        found, reason = scene_comparison._limits(*problem, metric, "inf", None, None)
+        np.testing.assert_allclose(found, expected, rtol=10 * EPS)
+        assert reason is None
+    for metric, norm, words in (("pxq", "inf", "a product of E_p and E_q"), ("q", "l2", "E_q in L_2")):
+        assert scene_comparison._limits(*problem, metric, norm, None, None) == (None, f"No limit is known for {words}.")
 
 
 def test_scene_error_norm_is_least_at_the_optimum(boxed, vertices):
@@ -134,7 +139,7 @@ def test_rules_are_applied_to_the_receivers_and_a_users_keeps_its_apex(boxed, ve
 def test_a_body_that_is_the_frustum_gives_the_frustum_s_warps():
     frustum, theta = warpopt.ViewFrustum(1.0, 100.0, PHI), np.deg2rad(np.array([35.0, 120.0]))
     space = warpopt.LightSpace(frustum, jnp.asarray(theta))
-    whole = Body(frustum.near, frustum.far, frustum.half_fov, space.minimum_depth, space.mu, frustum.near)
+    whole = Body(frustum.near, frustum.far, frustum.half_fov, space.minimum_depth, space.mu, frustum.near, frustum.far)
     every = [rule for name, rule in KNOWN.items() if name != "tsm_alternative"]  # which is of the frustum alone
     pairs = jax.jit(lambda: [[rule(body, theta) for body in (whole, frustum)] for rule in every])()
     for got, expected in pairs:
@@ -156,7 +161,8 @@ def test_rules_are_told_the_nearest_and_farthest_depth_that_is_seen(receivers, n
     extent = types.SimpleNamespace(start=3.0, mu=20.0)
     body = scene_comparison._body(ahead, receivers, extent, warpopt.ViewFrustum(1.0, 100.0, 0.45))
     assert (float(body.near), float(body.far)) == (pytest.approx(near, rel=4 * EPS), pytest.approx(far, rel=4 * EPS))
-    assert (body.start, body.mu, float(body.half_fov), float(body.camera_near)) == (3.0, 20.0, 0.45, 1.0)
+    assert (body.start, body.mu, float(body.half_fov)) == (3.0, 20.0, 0.45)
+    assert (float(body.camera_near), float(body.camera_far)) == (1.0, 100.0)
 
 
 def test_an_empty_scene_and_bad_lights():
@@ -206,5 +212,7 @@ def test_the_command_over_a_box(tmp_path, monkeypatch, boxed):
         assert row["worst_over_limit"] == row["at_light_over_limit"] == ""  # no limit of E_pxq is known
     assert list(ranked) == boxed.order()
     report = Path("out/report.md").read_text()
-    assert "applied as engines apply them" in report
-    assert "PSM is worse" in report or "PSM yields no lambda > 0 for light" in report
+    assert "applied as their sources apply them" in report
+    assert "PSM yields no lambda > 0 for light" in report
+    assert "No limit is known for a product of E_p and E_q." in report
+    assert told["no_limit_because"] == boxed.no_limit_because

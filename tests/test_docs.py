@@ -14,6 +14,7 @@ import pytest
 
 import warpopt
 from warpopt.app import cli
+from warpopt.app.compare_config import check_modules, read_compare_config
 from warpopt.app.config import Problem, RunConfig, read_config, validated
 from warpopt.app.export_config import ExportRequest
 from warpopt.app.scene_config import SceneConfig
@@ -133,10 +134,10 @@ def test_python_blocks_run(page):
 
 
 def commands(page: Path) -> list[list[str]]:
-    """The arguments of every `warpopt` command line on the page: in blocks, and in the text where they have options."""
+    """The arguments of every `warpopt` command line on the page: in blocks; in text, if with an option or a file."""
     text = page.read_text(encoding="utf-8")
     blocks = [line for line in text.replace("\\\n", " ").splitlines() if line.startswith("    ")]
-    spans = [span for span in re.findall(r"`(warpopt [^`]+)`", text) if "--" in span]
+    spans = [span for span in re.findall(r"`(warpopt [^`]+)`", text) if "--" in span or ".toml" in span]
     found = []
     for line in blocks + spans:
         for part in re.split(r"&&|sh -c '(?:exec )?", re.sub(r"\$\w+|\$\(\(?.*?\)\)?", "0", line)):
@@ -164,6 +165,9 @@ def test_command_lines_are_accepted(page, words, monkeypatch):
             assert "/" not in str(command.config), f"{page.name}: {command.config}"  # a name of the reader's own
             config = ROOT / "configs" / "paper.toml"
         read_config(config, rest, models[type(command)])
+    elif isinstance(command, cli.Compare):
+        config = ROOT / command.config
+        check_modules(read_compare_config(config, rest).rules, config.parent)
     elif isinstance(command, cli.Export):
         ExportRequest.of(command.table, command.to, command.directory, command.metric, command.prefix)
     elif isinstance(command, cli.Solve | cli.Rules | cli.Limit):

@@ -247,7 +247,10 @@ def test_what_the_rules_equalise():
         assert abs(ends[0] / ends[1] - 1) < 1e-13
         lam = mpf(float(rules.osg_lispsm(PAPER, theta).lam))
         ends = [e_p(lam, z / s.sin - s.d0 + lam, z) for z in (s.near, s.near + s.mu * s.sin)]
-        assert abs(ends[0] / ends[1] - 1) > (0.03 if degrees < 90 else -1)
+        if degrees < 90:
+            assert abs(ends[0] / ends[1] - 1) > 0.03
+        else:  # one unit for both lengths: the slip does nothing
+            assert abs(ends[0] / ends[1] - 1) < 1e-13
 
 
 def test_filaments_second_distance_minimises_the_product_at_its_near_hint():
@@ -267,12 +270,34 @@ def test_filaments_second_distance_minimises_the_product_at_its_near_hint():
 
 def test_filaments_hint_is_counted_from_the_cameras_near_plane():
     """Over a body that begins at 10 before a camera whose near is 2: dzn = 50 - 2, zf - zn = 100 - 10."""
-    body = rules.Body(*jnp.array([10.0, 100.0, 0.5, 10.0, 90.0, 2.0]))
+    body = rules.Body(*jnp.array([10.0, 100.0, 0.5, 10.0, 90.0, 2.0, 500.0]))
     warp = rules.filament(body, np.pi / 2, near_hint=50.0)
     first, second = 10 + np.sqrt(50 * 100), 48 / (2 - 3 * 48 / 90)
     assert second > first
     assert float(warp.lam) == pytest.approx(second, rel=1e-12)
     assert bool(rules.filament(body, np.pi / 2, near_hint=62.0).no_warp)  # 3 * 60 = 2 * 90
+
+
+@pytest.mark.parametrize(
+    ("rule", "lam"),
+    [
+        # from calculateNOptSimple: |e_z| of the body's nearest point, but the clip distances under the root
+        (rules.ogre, (10 + np.sqrt(2 * 400)) / 10),
+        # SC (1), (2): z_n of the eye's frustum, Delta z of the body; the apex is n_opt - z_n before the eye
+        (rules.scherzer, (2 + np.sqrt(2 * (2 + 90))) - 2 + 10),
+        # the hull's own nearest depth, for the distance and for the apex (nearDist = -bb._max[2])
+        (rules.osg_lispsm, 10 + np.sqrt(10 * (10 + 90))),
+        (rules.osg_lispsm_corrected, 10 + np.sqrt(10 * (10 + 90))),
+        (rules.lispsm_paper, 10 + np.sqrt(10 * (10 + 90))),
+        (rules.veloren, 10 + np.sqrt(10 * (10 + 90))),  # z_0 and z_1 = z_0 + d s from bounds of what is visible
+        (rules.lispsm, 10 + np.sqrt(10 * 100)),
+    ],
+    ids=lambda value: getattr(value, "__name__", ""),
+)
+def test_each_rule_takes_the_planes_that_its_source_takes(rule, lam):
+    """A body from 10 to 100 before a camera of planes 2 and 400, the light overhead; docs/corrections.md has whose."""
+    body = rules.Body(*jnp.array([10.0, 100.0, 0.5, 10.0, 90.0, 2.0, 400.0]))
+    assert float(rule(body, np.pi / 2).lam) == pytest.approx(lam, rel=1e-12)
 
 
 def test_tsm_of_engines_maps_its_depth_fraction_to_its_line():

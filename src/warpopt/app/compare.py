@@ -16,9 +16,10 @@ import warpopt
 from warpopt.compare.rule_set import KNOWN, RuleError
 
 from .compare_config import CompareConfig, SceneCompareConfig
-from .compare_report import compare_report, ratio_text, rule_title
+from .compare_report import compare_report, ratio_text
 from .config import ConfigError
 from .job import objectives
+from .names import rule_title
 from .record import environment, outcome_counts, progress_bar, timed, write_json, write_mark
 from .scene_input import SceneInput
 from .scene_solve import camera_of, receivers_of
@@ -36,6 +37,7 @@ _COLUMNS = (
     "optimum",
     "limit",
 )
+_OVER = ("optimum", "limit", "no_warp")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -160,7 +162,7 @@ def write_ranking(compared: list[Compared], path: Path) -> None:
     """One row for each objective and rule, in the ranking's order; "inf" for what is unbounded, empty for no number."""
     scene = bool(compared) and compared[0].camera is not None
     heads = ["metric", "norm", *(["camera"] if scene else []), "place", "rule", "mean_over_optimum"]
-    for over in ("optimum", "limit"):
+    for over in _OVER:
         heads += [f"worst_over_{over}", f"at_theta_deg_over_{over}", *([f"at_light_over_{over}"] if scene else [])]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -169,7 +171,7 @@ def write_ranking(compared: list[Compared], path: Path) -> None:
             ranking = c.result.ranking()
             for place, name in enumerate(c.result.order(), 1):
                 row = [place if name in ranking else "", name, _cell(c.result.mean(name))]
-                for over in ("optimum", "limit"):
+                for over in _OVER:
                     ratio, theta, index = c.result.worst(name, over)
                     row += [_cell(ratio), _cell(np.rad2deg(theta)), *([index if index >= 0 else ""] if scene else [])]
                 writer.writerow([c.metric, c.norm, *([c.camera] if scene else []), *row])
@@ -207,6 +209,7 @@ def _objective(c: Compared) -> dict[str, Any]:
             "outcome": [warpopt.Outcome(int(v)).name for v in np.asarray(solution.result)],
         },
         "limit": None if r.limit is None else _numbers(r.limit),
+        "no_limit_because": r.no_limit_because,
         "no_warp": _numbers(r.unwarped),
         "ranking": r.ranking(),
         "rules": {name: _rule(r, i, name) for i, name in enumerate(r.names)},
@@ -223,8 +226,7 @@ def _rule(r: "warpopt.Comparison", i: int, name: str) -> dict[str, Any]:
         "over_limit": None if r.over_limit is None else _numbers(r.over_limit[i]),
         "worse_than_no_warp": r.worse[i].tolist(),
         "mean_over_optimum": finite_or_none(r.mean(name)),
-        "worst_over_optimum": _worst(r, name, "optimum"),
-        "worst_over_limit": _worst(r, name, "limit"),
+        **{f"worst_over_{over}": _worst(r, name, over) for over in _OVER},
         "regions_deg": {kind: np.rad2deg(np.array(of[name])).tolist() for kind, of in regions.items()} or None,
     }
 

@@ -49,7 +49,7 @@ class RulesConfig(Section):
         Annotated[str, Field(pattern=r"^\w[\w ./-]*$", max_length=40)], Annotated[str, pydantic.AfterValidator(_place)]
     ] = Field({})
     """Yours: name = "module:function", a callable (frustum, theta) -> warpopt.Warp, in a module that is installed or
-    beside the TOML file."""
+    beside the TOML file. theta is an array, radians; where the function cannot take one, a single angle at a time."""
 
     @pydantic.model_validator(mode="after")
     def _some(self) -> "RulesConfig":

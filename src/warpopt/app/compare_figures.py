@@ -11,8 +11,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from . import figure_style as style
-from .compare_report import rule_title
 from .figures import save
+from .names import rule_title
 
 if TYPE_CHECKING:
     from .compare import Compared
@@ -21,7 +21,7 @@ MOST_CURVES = 24
 MOST_PANELS = 6
 _WORSE, _WORSE_INK = "#f6dfd6", "#a0522d"
 _YOURS = "#c2185b"
-_LIMIT = {"color": "black", "linewidth": 1.3, "linestyle": (0, (1, 1.4))}
+_STRIP = 0.72  # inches, of optimum / limit below a panel
 # For the few curves that matter, told apart without colour too; the rest is thin and grey.
 _LOOKS = (
     ("#0072b2", "-"), ("#d55e00", (0, (6, 1.6))), ("#e8a200", (0, (1.6, 1.1))), ("#7b2d9b", (0, (6, 1.4, 1.4, 1.4))),
@@ -33,6 +33,7 @@ _CROWD = 8  # of more curves, thin ones are named only where there is room
 _LONGEST = 24  # letters of a rule's name
 _APART = 0.058  # of the axis: a line of letters
 _AT_EDGE = 0.9  # of the axis: curves that end beyond are named at its right
+_CELL = 0.2  # inches, a row of the map
 _LEVELS = (1.0, 1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
 _SHADES = ("#f7fbf3", "#fdf3cf", "#fbdf9d", "#f7bd6a", "#ee9150", "#d9603f", "#b2332f", "#7a1226")
 _UNDEFINED = "#d9d9d9"
@@ -45,10 +46,9 @@ def write_compare_figures(compared: list["Compared"], folder: Path) -> list[tupl
         (stem, caption) of each.
     """
     first = compared[0].result
-    figures = []
+    figures = [("map", map_figure(compared), _map_caption(compared))]
     if first.regions is not None and len(first.names) <= MOST_CURVES:
         figures.append(("curves", curves_figure(compared), _curves_caption(compared)))
-    figures.append(("map", map_figure(compared), _map_caption(compared)))
     for stem, figure, _ in figures:
         save(figure, folder / stem)
     return [(stem, caption) for stem, _, caption in figures]
@@ -61,7 +61,7 @@ def _left_out(compared: list["Compared"]) -> str:
 
 def _short(name: str) -> str:
     """A rule's name where there is little room."""
-    title = rule_title(name).replace("OpenSceneGraph", "OSG")
+    title = rule_title(name)
     return title if len(title) <= _LONGEST else title[: _LONGEST - 1] + "…"
 
 
@@ -73,19 +73,20 @@ def _title(c: "Compared") -> str:
 def _curves_caption(compared: list["Compared"]) -> str:
     return (
         "Each rule's error over the optimum's against the angle between view and light. Coloured are the rules that "
-        "are best on average in one of the panels, and your own; of the others those are named that have room (the map "
-        "has every name). The black line is the optimum; the dotted one below it is "
-        "the limit, the best that any map of the depth could do, where it is known. In the shaded region a rule is "
-        "worse than no warp. A curve is missing where its rule yields no λ > 0, and leaves the panel where it is worse "
-        "than every ranked rule's worst." + _left_out(compared)
+        "are best on average in one of the panels, and your own; of the others those are named that have room (the "
+        "map has every name). The black line is the optimum. In the shaded region a rule is worse than no warp. The "
+        "strips below have the optimum as a multiple of the limit, the best that any map of the depth could do, where "
+        "it is known: times that is a rule's own multiple. A curve is missing where its rule yields no λ > 0, and "
+        "leaves the panel where it is worse than every ranked rule's worst." + _left_out(compared)
     )
 
 
 def _map_caption(compared: list["Compared"]) -> str:
     return (
-        "Each rule's error over the optimum's, the best on average at the top, with its mean and its worst to the "
-        "right: the darker, the worse. Hatched: worse than no warp at all. Grey: the rule yields no λ > 0; rules with "
-        "grey stand below the others." + _left_out(compared)
+        "Each rule's error over the optimum's, the best on average at the top: the darker, the worse. To the right "
+        "its mean, its worst, and its worst over the limit (the best that any map of the depth could do) where it is "
+        "known; the row on top is the optimum itself over that limit. Hatched: worse than no warp at all. Grey: the "
+        "rule yields no λ > 0; rules with grey stand below the others." + _left_out(compared)
     )
 
 
@@ -98,21 +99,28 @@ def curves_figure(compared: list["Compared"]) -> Figure:
     width, height, left, names, gap, down = 3.9, 3.1, 0.62, 1.78, 0.35, 0.42
     foot = 0.62
     total = left + columns * (width + names) + (columns - 1) * gap
-    figure = style.new_figure(total, rows * (height + down) + foot)
+    in_rows = [compared[k : k + columns] for k in range(0, len(compared), columns)]
+    strips = [(_STRIP + 0.12) * any(c.result.limit is not None for c in row) for row in in_rows]
+    figure = style.new_figure(total, rows * (height + down) + sum(strips) + foot)
     looks = _looks(compared)
     limit = 180.0 if compared[0].result.theta.max() > np.pi / 2 + 1e-9 else 90.0
     for place, c in enumerate(compared):
         row, column = divmod(place, columns)
         x = left + column * (width + names + gap)
-        axes = style.place(figure, x, row * (height + down) + 0.3, width, height)
+        top = row * (height + down) + sum(strips[:row]) + 0.3
+        axes = style.place(figure, x, top, width, height)
         _curves_panel(axes, c, limit, looks)
-        style.theta_axis(axes, limit, label=place + columns >= len(compared))
+        last, below = place + columns >= len(compared), c.result.limit is not None
+        style.theta_axis(axes, limit, label=last and not below)
+        if below:
+            band = style.place(figure, x, top + height + 0.12, width, _STRIP)
+            _limit_strip(band, c)
+            style.theta_axis(band, limit, label=last)
+            style.beside(band, "optimum / limit", (1, 0.5), (5, 0), ha="left", fontsize=7.4)
         style.beside(axes, _title(c), (0.5, 1), (0, 4), va="bottom", fontsize=9.5)
         if column == 0:
             style.beside(axes, "error / optimal error", (0, 0.5), (-36, 0), rotation=90)
     handles = [Line2D([], [], color="black", linewidth=2.6, label="optimum (= 1)")]
-    if any(c.result.limit is not None for c in compared):
-        handles.append(Line2D([], [], label="limit: no map of the depth is below", **_LIMIT))
     handles.append(Patch(facecolor=_WORSE, label="worse than no warp"))
     handles.append(Line2D([], [], label="other rules", **_REST))
     at = (left / total, 0.06 / figure.get_size_inches()[1])
@@ -123,8 +131,7 @@ def curves_figure(compared: list["Compared"]) -> Figure:
 def _curves_panel(axes: Axes, c: "Compared", limit: float, looks: dict[str, dict]) -> None:
     r = c.result
     theta, ratio = np.rad2deg(r.theta), r.ratio
-    share = None if r.limit is None else r.limit / np.where(r.solution.value > 0, r.solution.value, np.nan)
-    limits = _limits(c, share)
+    limits = _limits(c)
     style.log_axis(axes, limits)
     axes.grid(axis="y", which="major", color="#e6e6e6", linewidth=0.6, zorder=0.5)
     bare = r.unwarped_ratio
@@ -133,8 +140,6 @@ def _curves_panel(axes: Axes, c: "Compared", limit: float, looks: dict[str, dict
     else:
         axes.fill_between(theta, bare, limits[1], where=np.isfinite(bare), color=_WORSE, linewidth=0, zorder=0)
     axes.axhline(1, color="black", linewidth=2.6, zorder=2)
-    if share is not None:
-        style.draw_curve(axes, theta, share, "limit", zorder=2, **_LIMIT)
     labels, spare = [], []
     for i, name in enumerate(r.names):
         look = looks.get(name, _REST)
@@ -149,6 +154,14 @@ def _curves_panel(axes: Axes, c: "Compared", limit: float, looks: dict[str, dict
     _name_curves(axes, labels + _with_room(spare, labels, limits), limits, limit)
 
 
+def _limit_strip(axes: Axes, c: "Compared") -> None:
+    """optimum / limit against theta."""
+    multiple = c.result.optimum_over_limit
+    style.log_axis(axes, (0.85, max(3.0, 1.3 * float(np.nanmax(multiple, initial=1)))))
+    axes.grid(axis="y", which="major", color="#e6e6e6", linewidth=0.6, zorder=0.5)
+    style.draw_curve(axes, np.rad2deg(c.result.theta), multiple, "optimum / limit", color="black")
+
+
 def _with_room(spare: list[tuple], labels: list[tuple], limits: tuple[float, float]) -> list[tuple]:
     """Those of the spare labels that end apart from every other, within the panel."""
     low, high = np.log10(limits)
@@ -157,13 +170,12 @@ def _with_room(spare: list[tuple], labels: list[tuple], limits: tuple[float, flo
     return [label for label, end, crowded in zip(spare, ends, near, strict=False) if end < 1 and not crowded]
 
 
-def _limits(c: "Compared", share: np.ndarray | None) -> tuple[float, float]:
+def _limits(c: "Compared") -> tuple[float, float]:
     """Of the panel: all of the rules that are ranked; what is worse than these, no warp say, may leave it."""
     r = c.result
-    low = 0.8 if share is None or np.isnan(share).all() else float(np.clip(0.8 * np.nanmin(share), 0.3, 0.8))
     ranked = [r.worst(name).ratio for name in r.ranking() if name != "ssm"]
     most = max((ratio for ratio in ranked if np.isfinite(ratio)), default=float(np.nanmax(r.unwarped_ratio, initial=1)))
-    return low, max(3.0, 1.3 * most)
+    return 0.8, max(3.0, 1.3 * most)
 
 
 def _looks(compared: list["Compared"]) -> dict[str, dict]:
@@ -207,8 +219,9 @@ def map_figure(compared: list["Compared"]) -> Figure:
     count = len(compared[0].result.names)
     columns = min(len(compared), 2)
     rows = -(-len(compared) // columns)
-    width, cell, left, numbers, down = 3.3, 0.2, 1.95, 0.95, 0.52
-    height = cell * count
+    limited = any(c.result.limit is not None for c in compared)
+    width, left, numbers, down = 3.3, 1.95, 1.5 if limited else 0.95, 0.52
+    height = _CELL * (count + limited)
     scene = compared[0].result.regions is None
     foot = 0.95 if scene else 0.85
     if columns == 1:
@@ -218,7 +231,8 @@ def map_figure(compared: list["Compared"]) -> Figure:
     for place, c in enumerate(compared):
         row, column = divmod(place, columns)
         x = left + column * (left + width + numbers)
-        axes = style.place(figure, x, row * (height + down) + 0.42, width, height)
+        own = _CELL * (count + (c.result.limit is not None))  # panels end on one line
+        axes = style.place(figure, x, row * (height + down) + 0.42 + height - own, width, own)
         _map_panel(axes, c, last=place + columns >= len(compared))
     _map_legend(figure, left, total)
     return figure
@@ -237,38 +251,33 @@ def _edges(c: "Compared") -> np.ndarray:
 
 def _map_panel(axes: Axes, c: "Compared", last: bool) -> None:
     r = c.result
-    order = r.order()
+    order, edges = r.order(), _edges(c)
     index = [r.names.index(name) for name in order]
-    edges = _edges(c)
-    ratio = np.ma.masked_invalid(np.maximum(r.ratio[index], 1))
+    top = [] if r.limit is None else [r.optimum_over_limit]
+    ratio = np.stack([*top, *r.ratio[index]])
+    worse = np.stack([*(np.zeros_like(row, bool) for row in top), *r.worse[index]])
     colours = ListedColormap(_SHADES[:-1]).with_extremes(over=_SHADES[-1], bad=_UNDEFINED)
     axes.pcolormesh(
-        edges, np.arange(len(order) + 1) - 0.5, ratio, cmap=colours, norm=BoundaryNorm(_LEVELS, len(_LEVELS) - 1),
-        rasterized=True,
+        edges, np.arange(len(ratio) + 1) - 0.5, np.ma.masked_invalid(np.maximum(ratio, 1)), cmap=colours,
+        norm=BoundaryNorm(_LEVELS, len(_LEVELS) - 1), rasterized=True,
     )  # fmt: skip
-    for row, i in enumerate(index):
+    for row, (values, harm) in enumerate(zip(ratio, worse, strict=True)):
         # white where the cells are dark
-        dark = r.ratio[i] > _LEVELS[5]
+        dark = values > _LEVELS[5]
         for part, ink in ((~dark, "#2b2b2b"), (dark, "#ffffff")):
-            for start, stop in np.flatnonzero(np.diff(np.r_[False, r.worse[i] & part, False])).reshape(-1, 2):
+            for start, stop in np.flatnonzero(np.diff(np.r_[False, harm & part, False])).reshape(-1, 2):
                 place, size = (edges[start], row - 0.5), edges[stop] - edges[start]
                 look = {"fill": False, "hatch": "//////", "linewidth": 0, "edgecolor": ink, "zorder": 3}
                 axes.add_patch(Rectangle(place, size, 1, **look))
-        name = order[row]
-        numbers = _number(r.mean(name)), _number(r.worst(name).ratio)
-        for x, text in zip((1.13, 1.27), numbers, strict=True):
-            axes.text(
-                x, 1 - (row + 0.5) / len(order), text, transform=axes.transAxes, ha="right", va="center", fontsize=7.4
-            )
-    axes.hlines(np.arange(1, len(order)) - 0.5, edges[0], edges[-1], color="white", linewidth=1.2, zorder=4)
-    for x, text in ((1.13, "mean"), (1.27, "worst")):
-        style.beside(axes, text, (x, 1), (0, 3), ha="right", va="bottom", fontsize=7.0, color=style.MUTED)
-    axes.set_ylim(len(order) - 0.5, -0.5)
+    _map_numbers(axes, c, order, len(top))
+    axes.hlines(np.arange(1, len(ratio)) - 0.5, edges[0], edges[-1], color="white", linewidth=1.2, zorder=4)
+    if top:
+        axes.axhline(0.5, color=style.INK, linewidth=0.8, zorder=4)
+    axes.set_ylim(len(ratio) - 0.5, -0.5)
     axes.set_xlim(edges[0], edges[-1])
-    own = [rule_title(name) == name for name in order]
-    axes.set_yticks(range(len(order)), [_short(name) for name in order])
-    for label, mine in zip(axes.get_yticklabels(), own, strict=True):
-        label.set_color(_YOURS if mine else style.INK)
+    axes.set_yticks(range(len(ratio)), ["optimum / limit"] * len(top) + [_short(name) for name in order])
+    for label, name in zip(axes.get_yticklabels()[len(top) :], order, strict=True):
+        label.set_color(_YOURS if rule_title(name) == name else style.INK)
     axes.tick_params(axis="y", length=0)
     style.beside(axes, _title(c), (0.5, 1), (0, 4), va="bottom", fontsize=9.5)
     if r.regions is None:
@@ -284,6 +293,22 @@ def _map_panel(axes: Axes, c: "Compared", last: bool) -> None:
         axes.set_xticks(ticks if ticks.size else edges)
         if last:
             style.beside(axes, "θ, angle between view and light (degrees)", (0.5, 0), (0, -17), va="top")
+
+
+def _map_numbers(axes: Axes, c: "Compared", order: list[str], first: int) -> None:
+    """Beside each row the mean, the worst, and the worst over the limit; of the optimum the last alone."""
+    r = c.result
+    columns = {"mean": [r.mean(name) for name in order], "worst": [r.worst(name).ratio for name in order]}
+    if first:
+        columns["worst\n/ limit"] = [r.worst(name, "limit").ratio for name in order]
+    look = {"transform": axes.transAxes, "ha": "right", "va": "center", "fontsize": 7.4}
+    for k, (head, numbers) in enumerate(columns.items()):
+        x = 1.13 + 0.14 * k
+        style.beside(axes, head, (x, 1), (0, 3), ha="right", va="bottom", fontsize=7.0, color=style.MUTED)
+        for row, value in enumerate(numbers, first):
+            axes.text(x, 1 - (row + 0.5) / (len(order) + first), _number(value), **look)
+    if first:
+        axes.text(1.41, 1 - 0.5 / (len(order) + 1), _number(float(np.nanmax(r.optimum_over_limit, initial=1))), **look)
 
 
 def _number(value: float) -> str:

@@ -5,30 +5,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .compare_config import CompareConfig, SceneCompareConfig
-from .report import TITLES, markdown_table
+from .names import rule_title
+from .report import least_and_largest, limit_sentence, markdown_table
 
 if TYPE_CHECKING:
     from ..compare.comparison import Worst
     from .compare import Compared
 
-_ENGINES = {
-    "lispsm_paper": "LiSPSM (2004 paper)",
-    "filament": "Filament",
-    "osg_lispsm": "OpenSceneGraph LiSPSM",
-    "osg_lispsm_corrected": "OpenSceneGraph LiSPSM, corrected",
-    "osg_vdsm": "OpenSceneGraph VDSM",
-    "openmw": "OpenMW",
-    "ogre": "OGRE",
-    "veloren": "Veloren",
-    "tsm_xray": "X-Ray TSM",
-    "tsm_dagor": "Dagor TSM",
-}
 _POINT = 1e-5  # degrees: a shorter interval is one direction, such as theta = 0
-
-
-def rule_title(name: str) -> str:
-    """A rule's name for people; a user's is its own."""
-    return (TITLES | _ENGINES).get(name, name)
 
 
 def intervals_text(intervals: tuple[tuple[float, float], ...]) -> str:
@@ -97,28 +81,34 @@ def _opening(config: CompareConfig | SceneCompareConfig) -> str:
         )
     else:
         over = (
-            f"The receivers of a scene ({config.receivers.kind}). Rules are applied as engines apply them, to the "
-            "receivers' own eye depths and their extent along the warp; your own rules and TSM's alternative, which "
-            "are made for the whole frustum, keep the apex that they have there: lambda over the receivers is lambda "
-            "+ (where the receivers begin) - (where the frustum begins). Of points and depth buffers the limit is "
+            f"The receivers of a scene ({config.receivers.kind}). Rules are applied as their sources apply them, to "
+            "the receivers' eye depths and their extent along the warp (to the camera's own planes where a source "
+            "takes those); your own rules and the TSM alternative, which are made for the whole frustum, keep the "
+            "apex that they have there: lambda over the receivers is lambda + (where the receivers begin) - (where the "
+            "frustum begins). Of points and depth buffers the limit is "
             "that of maps that are linear within each of 256 depths, below which a warp may be by up to 8 %."
         )
     return (
-        f"{over}\n\nAll numbers are multiples of the optimum's error, which is 1. A rule counts where it is defined; "
-        "its mean is over the light directions. Only rules that are defined in every direction are ranked, the least "
-        "mean first. The limit is what the best monotone map of the depth would reach, perspective or not, where it is "
-        "known. `ranking.csv` has the table, `compare.csv` and `compare.json` every number, `run.json` configuration "
-        "and versions.\n"
+        f"{over}\n\n"
+        "All numbers are multiples of the optimum's error, which is 1. A rule counts where it is defined; its mean is "
+        "over the light directions. Only rules that are defined in every direction, and bounded, are ranked, the "
+        "least mean first. OSG is OpenSceneGraph. The limit is what the best monotone map of the depth would reach, "
+        "perspective or not, where it is known. `ranking.csv` has the table, `compare.csv` and `compare.json` every "
+        "number, `run.json` configuration and versions.\n"
     )
 
 
 def _verdict(c: "Compared") -> str:
-    """Which rule is best on average and at worst, and what that leaves."""
+    """Which rule is best on average and at worst, the others in their order, and what any other map could win."""
     r = c.result
     ranking = [name for name in r.ranking() if not np.isnan(r.mean(name))]
-    if not ranking:
-        return "No rule is defined in every direction.\n"
-    first, last = ranking[0], ranking[-1]
+    words = [_ranking_words(c, ranking) if ranking else "No rule is defined and bounded in every direction."]
+    words.append(r.no_limit_because or limit_sentence(least_and_largest(r.optimum_over_limit)))
+    return " ".join(filter(None, words)) + "\n"
+
+
+def _ranking_words(c: "Compared", ranking: list[str]) -> str:
+    r, first = c.result, ranking[0]
     safest = min(ranking, key=lambda name: r.worst(name).ratio)
     worst = r.worst(first)
     words = [
@@ -133,32 +123,20 @@ def _verdict(c: "Compared") -> str:
             f"At worst {rule_title(safest)} is best: never more than {worst.ratio:.3g} times ({place_text(c, worst)}), "
             f"{r.mean(safest):.3g} in the mean."
         )
-    if last != first:
-        words.append(f"Last is {rule_title(last)}, with {r.mean(last):.3g} in the mean.")
-    if r.limit is not None:
-        share = np.asarray(r.solution.value) / np.where(r.limit > 0, r.limit, np.nan)
-        if np.isfinite(share).any():
-            words.append(
-                f"The optimum itself is {np.nanmin(share):.3g} to {np.nanmax(share):.3g} times the limit: that is all "
-                "that any other map of the depth could win."
-            )
-            nearest = min(ranking, key=lambda name: r.worst(name, "limit").ratio)
-            worst = r.worst(nearest, "limit")
-            words.append(
-                f"Of the rules {rule_title(nearest)} stays nearest to it, at worst {worst.ratio:.3g} times "
-                f"({place_text(c, worst)})."
-            )
-    return " ".join(words) + "\n"
+    if ranking[1:]:
+        others = ", ".join(f"{rule_title(name)} {r.mean(name):.3g}" for name in ranking[1:])
+        words.append(f"The other means are: {others}.")
+    return " ".join(words)
 
 
 def _losses(c: "Compared") -> str:
-    """A sentence for each rule that loses to no warp, or does not always give one."""
+    """A sentence for each rule that loses to no warp, or does not always give one, in the ranking's order."""
     lines = []
-    for name in c.result.names:
+    for name in c.result.order():
         worse, none = where_text(c, "worse", name), where_text(c, "undefined", name)
         clauses = []
         if worse:
-            clauses.append(f"is worse than no warp {_for(worse)}")
+            clauses.append(" ".join(filter(None, [f"is worse than no warp {_for(worse)}", harm_text(c, name)])))
         if none:
             clauses.append(f"yields no lambda > 0 {_for(none)}")
         worst = c.result.worst(name)
@@ -172,6 +150,14 @@ def _losses(c: "Compared") -> str:
     return "\n".join(lines) + "\n"
 
 
+def harm_text(c: "Compared", name: str) -> str:
+    """By how much a rule is worse than no warp: "by up to 1.5 %", "by a factor of up to 11.5"; empty if unbounded."""
+    ratio = c.result.worst(name, "no_warp").ratio
+    if not 1 < ratio < np.inf:
+        return ""
+    return f"by up to {100 * (ratio - 1):.2g} %" if ratio < 2 else f"by a factor of up to {ratio:.3g}"
+
+
 def _for(where: str) -> str:
     return where if where.startswith("at ") else f"for {where}"
 
@@ -180,13 +166,13 @@ def _table(c: "Compared") -> str:
     r = c.result
     ranking = r.ranking()
     heads = ["", "rule", "mean", "worst", "at", "worst over the limit", "at"]
-    heads += ["worse than no warp", "no warp", "undefined"]
+    heads += ["worst over no warp", "worse than no warp", "no warp", "undefined"]
     rows = []
     for place, name in enumerate(r.order(), 1):
-        worst, over = r.worst(name), r.worst(name, "limit")
         numbers = [ratio_text(r.mean(name))]
-        for one in (worst, over):
+        for one in (r.worst(name), r.worst(name, "limit")):
             numbers += [ratio_text(one.ratio), place_text(c, one)]
+        numbers.append(ratio_text(r.worst(name, "no_warp").ratio))
         where = [where_text(c, kind, name) for kind in ("worse", "no_warp", "undefined")]
         first = [str(place) if name in ranking else "", rule_title(name)]
         rows.append([*first, *numbers, *where])

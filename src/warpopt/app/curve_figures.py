@@ -124,7 +124,7 @@ def _no_warp_band(axes: Axes, sweep: Sweep, view: int, optima: list[OptimumCurve
         for o in optima
     ]
     if "ssm" in sweep.rules:
-        tracks.append(("SSM", sweep.rules["ssm"].lam_over_mu[view], style.rule_style("ssm")["color"]))
+        tracks.append((style.rule_label("ssm"), sweep.rules["ssm"].lam_over_mu[view], style.rule_style("ssm")["color"]))
     for row, (label, values, colour) in enumerate(tracks):
         spans = no_warp_spans(sweep.theta_deg, values, limit)
         axes.broken_barh(spans, (row - 0.3, 0.6), facecolors=colour, linewidth=0, label=label)
@@ -139,7 +139,7 @@ def _no_warp_band(axes: Axes, sweep: Sweep, view: int, optima: list[OptimumCurve
 def ratio_figure(sweep: Sweep) -> Figure:
     """value(rule) / value(optimum) against theta for the first view: a row for each metric, a column for each norm.
 
-    Shaded above SSM's curve: there a rule is worse than no warp. Rules that yield no lambda are left out.
+    Shaded above no warp's curve: there a rule is worse than no warp. Rules that yield no lambda are left out.
     """
     optima = style.drawn_optima(sweep)
     metrics, norms = style.metrics_of(sweep), style.norms_of(sweep)[: style.MOST_NORMS]

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from .names import rule_title
 from .sweep import OptimumCurves, Sweep, View
 
 INK = "#222222"
@@ -27,15 +28,6 @@ RULE_COLOURS = {
     "tsm": "#d55e00",
     "tsm_alternative": "#e69f00",
     "minimum_norm": "#009e73",
-}
-RULE_LABELS = {
-    "ssm": "SSM (no warp)",
-    "psm": "PSM",
-    "lispsm": "LiSPSM",
-    "tsm": "TSM (κ = 0.5, ξ = 0.8)",
-    "tsm_alternative": "TSM alternative",
-    "minimum_norm": "minimum norm on axis",
-    "scherzer": "Scherzer",
 }
 METRIC_LABELS = {"p": r"$E_p$", "q": r"$E_q$", "pxq": r"$E_{p\times q}$"}
 PLAIN_METRICS = {"p": "E_p", "q": "E_q", "pxq": "E_p×q"}
@@ -136,7 +128,8 @@ def rules_of(sweep: Sweep) -> list[str]:
 
 
 def rule_label(name: str) -> str:
-    return RULE_LABELS.get(name, name)
+    """The rule's name, with the parameters of the one that has any."""
+    return rule_title(name) + (" (κ = 0.5, ξ = 0.8)" if name == "tsm" else "")
 
 
 def norm_label(norm: str) -> str:

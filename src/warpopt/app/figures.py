@@ -137,7 +137,7 @@ def _ratio_caption(sweep: Sweep) -> str:
     sentences = [
         f"Each rule's error over the minimal error against θ at f/n = {style.ratio_text(view)}, "
         f"φ = {view.half_fov_deg:g}° (measure: {sweep.measure}), for each metric and norm; 1 is the optimum.",
-        "In the shaded region, above the grey curve of SSM, a rule is worse than no warp at all.",
+        "In the shaded region, above the grey curve of no warp, a rule is worse than no warp at all.",
         _left_out_sentence(len(sweep.views) - 1, "view", "views of the run"),
         _norms_sentence(sweep),
     ]
@@ -151,11 +151,11 @@ def _error_distribution(views: Sequence[View], errors: Distributions) -> tuple[F
     gains = style.listed([f"{style.PLAIN_METRICS[m]} {g:.3g} times" for m, g in zip(METRICS, gain, strict=True)])
     sentences = [
         f"Side views of the aliasing errors E_p, E_q and E_p×q over the view frustum (f/n = {style.ratio_text(view)}, "
-        f"φ = {view.half_fov_deg:g}°) for θ = {style.listed([f'{theta:g}°' for theta in THETAS_DEG])}, under SSM, "
+        f"φ = {view.half_fov_deg:g}°) for θ = {style.listed([f'{theta:g}°' for theta in THETAS_DEG])}, under no warp, "
         f"LiSPSM, TSM (κ = {_KAPPA}, ξ = {_XI}) and the L∞ optimum of the panel's own metric.",
         "All panels share one logarithmic colour scale of base 5, with lines at the powers of 5; the near end stands "
         "magnified in the upper left corner, and the number is the largest error over the frustum.",
-        f"At θ = {THETAS_DEG[0]:g}° SSM's largest error over the optimum's is, for {gains}.",
+        f"At θ = {THETAS_DEG[0]:g}° the largest error without a warp over the optimum's is, for {gains}.",
         _left_out_sentence(len(views) - 1, "view", "views of the run"),
     ]
     return error_distribution_figure(view, errors), " ".join(filter(None, sentences))

@@ -21,7 +21,7 @@ from . import figure_style as style
 from .sweep import View, frustum_of
 
 METRICS = ("p", "q", "pxq")
-TECHNIQUES = ("SSM", "LiSPSM", "TSM", "optimum")
+TECHNIQUES = ("no warp", "LiSPSM", "TSM", "optimum")
 THETAS_DEG = (90.0, 60.0, 30.0)
 _SAMPLES = 112
 # Red highest as in AT09; blue against orange and red, dark at both ends, is safe for colour-blind readers.
@@ -51,7 +51,7 @@ class Distributions:
 
 
 def distributions(view: View, thetas_deg: tuple[float, ...] = THETAS_DEG, samples: int = _SAMPLES) -> Distributions:
-    """E_p, E_q and E_pxq of SSM, LiSPSM, TSM and each metric's L-inf optimum, by one compiled call."""
+    """E_p, E_q and E_pxq of no warp, LiSPSM, TSM and each metric's L-inf optimum, by one compiled call."""
     near, far, slope = view.near, view.far, math.tan(math.radians(view.half_fov_deg))
     ends = (far, near + min(4 * near, (far - near) / 2))
     z = np.stack([np.linspace(near, end, samples) for end in ends])[:, None, :]

@@ -8,17 +8,8 @@ import warpopt
 
 from .blocks import RULES
 from .config import RunConfig
+from .names import rule_title
 from .sweep import OptimumCurves, RuleCurves, Sweep
-
-TITLES = {
-    "ssm": "no warp",
-    "psm": "PSM",
-    "lispsm": "LiSPSM",
-    "tsm": "TSM",
-    "tsm_alternative": "TSM's alternative",
-    "minimum_norm": "generalised minimum norm",
-    "scherzer": "Scherzer's LiSPSM",
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,10 +110,10 @@ def _paragraph(finding: Finding) -> str:
     rows = []
     for name, (ratio, theta) in f.worst.items():
         if np.isnan(ratio):
-            rows.append([TITLES[name], "gives no lambda > 0 here", "", ""])
+            rows.append([rule_title(name), "gives no lambda > 0 here", "", ""])
         else:
             harm = f.harmful[name] or ("" if name == "ssm" else "nowhere")
-            rows.append([TITLES[name], f"{ratio:.4g}", f"{theta:g} deg", harm])
+            rows.append([rule_title(name), f"{ratio:.4g}", f"{theta:g} deg", harm])
     heads = ["rule", "worst error / optimum", "at theta", "worse than no warp for theta"]
     return "\n".join([*lines, "", markdown_table(heads, rows)])
 
@@ -141,8 +132,8 @@ def _closest(found: list[Finding]) -> str:
             ratio, theta = complete[name]
             words.append(
                 f"- E_{f.metric}, norm {f.norm}, f/n = {f.depth_ratio:g}, half field of view {f.half_fov_deg:g} deg: "
-                f"of the rules that always give a warp, {TITLES[name]} is the closest, at worst {ratio:.4g} times the "
-                f"optimum's error (at {theta:g} deg); no warp is at worst {f.worst['ssm'][0]:.4g} times."
+                f"of the rules that always give a warp, {rule_title(name)} is the closest, at worst {ratio:.4g} times "
+                f"the optimum's error (at {theta:g} deg); no warp is at worst {f.worst['ssm'][0]:.4g} times."
             )
     return "\n".join(words) + "\n"
 

@@ -16,9 +16,10 @@ import warpopt
 from .blocks import RULES, field_shapes
 from .config import RunConfig
 from .job import Job, job_of
+from .names import rule_title
 from .parts import Parts, folder_of
 from .record import environment, outcome_counts, progress_bar, timed, write_mark
-from .report import TITLES, Finding, findings, report
+from .report import Finding, findings, report
 from .single import finite_or_none
 from .sweep import OptimumCurves, Sweep, sweep_of
 from .writing import whole_folder
@@ -170,7 +171,7 @@ def _json_table(sweep: Sweep, optimum: OptimumCurves, i: int) -> dict[str, Any]:
 
 def _summarise(console: Console, found: list[Finding], directory: Path, failures: int) -> None:
     table = Table(title="Worst ratio of error to optimal error, over all directions")
-    for column in ("f/n", "half fov", "objective", "no warp is optimal for", *(TITLES[name] for name in _SHOWN_RULES)):
+    for column in ("f/n", "half fov", "objective", "no warp is optimal for", *map(rule_title, _SHOWN_RULES)):
         table.add_column(column, justify="right")
     for f in found:
         worst = (f"{f.worst[name][0]:.4g}" for name in _SHOWN_RULES)

@@ -8,7 +8,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from ..solve.limit import limit, refuse_unknown
+from ..solve.limit import limit, unknown_limit
 from ..solve.optimal_warp import Solution, compare_warps
 from ..solve.outcome import Outcome
 from ..solve.scene_warp import SceneSolution
@@ -16,18 +16,19 @@ from ..theory.error_norm import ErrorNorm, Metric
 from ..theory.frustum import ViewFrustum
 from ..theory.light_space import checked_theta
 from ..theory.warp import Warp
-from .peaks import Peak, peaks
+from .peaks import Peak, first_largest, peaks
 from .regions import Interval, regions
 from .rule_set import Rules, rule_set, warps_of
 
-Over = Literal["optimum", "limit"]
+Over = Literal["optimum", "limit", "no_warp"]
 
 
 class Worst(NamedTuple):
     """Where a rule loses most.
 
     Attributes:
-        ratio: value over optimum, or over limit; inf if it grows without bound towards theta, NaN if nowhere defined.
+        ratio: value over optimum, limit, or no warp's; inf if it grows without bound towards theta, NaN if nowhere
+            defined.
         theta: angle between light and view, radians.
         index: of the direction nearest to it among `Comparison.theta`; -1 if nowhere.
     """
@@ -46,6 +47,7 @@ class Comparison:
         theta: (T,) angle between light and view, radians.
         solution: the optima, (T,).
         limit: (T,) the least norm that any map of the depth reaches; None where no limit is known.
+        no_limit_because: in words, why there is none; None if there is.
         eta: (R, T) of each rule's warp; 1 where it gives no warp, or is not defined.
         defined: (R, T) False where a rule yields no lambda > 0.
         values: (R, T) each rule's norm; NaN where it is not defined, or the optimum failed.
@@ -53,8 +55,9 @@ class Comparison:
         regions: for directions in order, {"worse", "no_warp", "undefined"}: for each rule the intervals of theta
             (radians, ends bisected) in which it is worse than no warp, gives no warp, or is not defined. None where
             the directions are those of a list.
-        peaks: for directions in order, {"optimum", "limit"}: for each rule (the largest of value / optimum or value /
-            limit, where), found between the directions too; see `worst`. None for a list.
+        peaks: for directions in order, {"optimum", "limit", "no_warp"}: for each rule (the largest of its norm over
+            the optimum, the limit and no warp's, where), found between the directions too; see `worst`. None for a
+            list.
 
     Example:
         >>> import math, warpopt
@@ -69,6 +72,7 @@ class Comparison:
     theta: NDArray
     solution: Solution | SceneSolution
     limit: NDArray | None
+    no_limit_because: str | None
     eta: NDArray
     defined: NDArray
     values: NDArray
@@ -87,6 +91,17 @@ class Comparison:
         return None if self.limit is None else _quotient(self.values, self.limit)
 
     @property
+    def optimum_over_limit(self) -> NDArray:
+        """(T,) optimum / limit, at least 1 but for maps over bins (`scene_limit`); NaN where there is no limit."""
+        value = np.asarray(self.solution.value)
+        return np.full_like(value, np.nan) if self.limit is None else _quotient(value, self.limit)
+
+    @property
+    def over_no_warp(self) -> NDArray:
+        """(R, T) value / the norm without a warp."""
+        return _quotient(self.values, self.unwarped)
+
+    @property
     def unwarped_ratio(self) -> NDArray:
         """(T,) the norm without a warp over the optimum."""
         return _quotient(self.unwarped, self.solution.value)
@@ -102,17 +117,18 @@ class Comparison:
         return np.asarray(self.solution.result) > Outcome.empty
 
     def worst(self, name: str, over: Over = "optimum") -> Worst:
-        """The largest value / optimum, or value / limit, where the rule is defined.
+        """The largest value / optimum, value / limit or value / no warp's, where the rule is defined.
 
         Of directions in order between them as well: kinks, jumps and poles are found to about 1e-10 of a step if a
-        direction beside them has the largest ratio, or if they are where the rule begins or ends to be defined.
+        direction beside them has the largest ratio, or if they are where the rule begins or ends to be defined. Of
+        places that are alike to rounding the first.
         """
-        ratios = self.ratio if over == "optimum" else self.over_limit
+        ratios = {"optimum": self.ratio, "limit": self.over_limit, "no_warp": self.over_no_warp}[over]
         ratio = np.full(1, np.nan) if ratios is None else ratios[self.names.index(name)]
         if np.isnan(ratio).all():
             return Worst(float("nan"), float("nan"), -1)
-        at = int(np.nanargmax(ratio))
         if self.peaks is None:
+            at = int(first_largest(ratio))
             return Worst(float(ratio[at]), float(self.theta[at]), at)
         peak, theta = self.peaks[over][name]
         return Worst(peak, theta, int(np.abs(self.theta - theta).argmin()))
@@ -133,15 +149,15 @@ class Comparison:
         return float((weights * np.nan_to_num(ratio)).sum() / weights[there].sum()) if there.any() else float("nan")
 
     def complete(self, name: str) -> bool:
-        """Whether the rule is defined in every direction."""
-        return bool(self.defined[self.names.index(name)].all())
+        """Whether the rule is defined in every direction given and bounded between them: the ranking has it."""
+        return bool(self.defined[self.names.index(name)].all()) and not np.isinf(self.worst(name).ratio)
 
     def ranking(self) -> list[str]:
-        """The rules that are defined in every direction, the least mean first."""
+        """The rules that are `complete`, the least mean first."""
         return sorted(filter(self.complete, self.names), key=self._losses)
 
     def order(self) -> list[str]:
-        """All rules: the ranking, then those that are not defined everywhere, the least mean first."""
+        """All rules: the ranking, then those that are not `complete`, the least mean first."""
         ranking = self.ranking()
         return [*ranking, *sorted((name for name in self.names if name not in ranking), key=self._losses)]
 
@@ -163,8 +179,9 @@ def compare_rules(
     Args:
         frustum: one view frustum.
         theta: (T,) increasing angles between light and view direction, radians in [0, pi].
-        rules: a name of `rules.PUBLISHED` or `rules.ENGINES`, a callable (frustum, theta of shape (T,)) -> Warp, a
-            list of these, or a dict that gives them names; every published and engine rule if None.
+        rules: a name of `rules.PUBLISHED` or `rules.ENGINES`, a callable (frustum, theta) -> Warp, a list of
+            these, or a dict that gives them names; every published and engine rule if None. A callable is given theta
+            of shape (T,), or, if it raises a TypeError or a ValueError at that, one angle at a time, which is slower.
         metric, norm, measure: as in `optimal_warp`.
 
     Raises:
@@ -182,8 +199,8 @@ def compare_rules(
         >>> [[round(math.degrees(end), 2) for end in ends] for ends in comparison.regions["worse"]["lispsm"]]
         [[1.0, 7.13]]
     """
-    error_norm = ErrorNorm.of(metric, norm, measure)
-    found = rule_set(rules)
+    reason = no_limit_because(ErrorNorm.of(metric, norm, measure))
+    compared = rule_set(rules)
     if frustum.near.shape:
         raise ValueError(f"frustum: got shape {frustum.near.shape}, expected one")
     theta = checked_theta(theta, frustum)
@@ -191,7 +208,8 @@ def compare_rules(
         raise ValueError(f"theta: got {theta}, expected a list of increasing angles")
 
     def evaluate(theta):
-        eta, defined = warps_of(found, frustum, theta)
+        theta = jnp.asarray(theta)
+        eta, defined = warps_of(compared, frustum, theta)
         every = jnp.concatenate([eta, jnp.ones_like(theta)[None]])
         warps = Warp(every, 1 - every, theta, jnp.ones((), bool))  # norms depend on eta alone
         solution, values = compare_warps(frustum, theta, warps, metric, norm, measure)
@@ -199,41 +217,35 @@ def compare_rules(
         values = np.where(bad, np.nan, values)
         return solution, *map(np.asarray, (eta, defined)), np.where(defined, values[:-1], np.nan), values[-1]
 
-    def conditions(theta, evaluated) -> NDArray:
-        _, eta, defined, values, unwarped = evaluated
+    def least(theta) -> NDArray | None:
+        return None if reason else np.asarray(limit(frustum, theta, metric, norm, measure))
+
+    def conditions(theta, evaluated=None) -> NDArray:
+        _, eta, defined, values, unwarped = evaluated or evaluate(theta)
         return np.concatenate([_worse(values, unwarped), defined & (eta == 1), ~defined])
 
-    evaluated = evaluate(theta)
-    at = np.asarray(theta)
-    intervals = regions(at, conditions(at, evaluated), lambda v: conditions(v, evaluate(jnp.asarray(v))))
-    count, names = len(found), tuple(found)
-    located = {
-        kind: dict(zip(names, intervals[i * count : (i + 1) * count], strict=True))
-        for i, kind in enumerate(("worse", "no_warp", "undefined"))
-    }
+    def ratios(theta, evaluated=None) -> NDArray:
+        solution, _, _, values, unwarped = evaluated or evaluate(theta)
+        over = {"optimum": solution.value, "no_warp": unwarped, "limit": least(theta)}
+        return np.concatenate([_quotient(values, over[kind]) for kind in kinds])
+
+    def of_each(kinds, rows) -> dict:
+        each = len(compared)
+        return {kind: dict(zip(compared, rows[i * each :][:each], strict=True)) for i, kind in enumerate(kinds)}
+
+    at, evaluated = np.asarray(theta), evaluate(theta)
+    intervals = of_each(("worse", "no_warp", "undefined"), regions(at, conditions(at, evaluated), conditions))
+    kinds = ("optimum", "no_warp") if reason else ("optimum", "no_warp", "limit")
+    largest = of_each(kinds, peaks(at, ratios(at, evaluated), ratios))
     solution, eta, defined, values, unwarped = evaluated
-    known = _limit_is_known(error_norm)
-
-    def best(theta) -> NDArray | None:
-        return np.asarray(limit(frustum, theta, metric, norm, measure)) if known else None
-
-    def ratios(theta, evaluated) -> NDArray:
-        over = [evaluated[0].value] + ([best(theta)] if known else [])
-        return np.concatenate([_quotient(evaluated[3], denominator) for denominator in over])
-
-    found = peaks(at, ratios(theta, evaluated), lambda v: ratios(v, evaluate(jnp.asarray(v))))
-    largest = {"optimum": dict(zip(names, found[:count], strict=True))}
-    if known:
-        largest["limit"] = dict(zip(names, found[count:], strict=True))
-    return Comparison(names, at, solution, best(theta), eta, defined, values, unwarped, located, largest)
+    names = tuple(compared)
+    return Comparison(names, at, solution, least(at), reason, eta, defined, values, unwarped, intervals, largest)
 
 
-def _limit_is_known(norm: ErrorNorm) -> bool:
-    try:
-        refuse_unknown(norm)
-    except ValueError:
-        return False
-    return True
+def no_limit_because(norm: ErrorNorm) -> str | None:
+    """In words, why no limit is known for this norm; None if one is."""
+    unknown = unknown_limit(norm)
+    return unknown and f"No limit is known for {unknown}."
 
 
 def _worse(values: NDArray, unwarped: NDArray) -> NDArray:

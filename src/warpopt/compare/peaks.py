@@ -51,9 +51,20 @@ def peaks(theta: NDArray, values: NDArray, at: Callable[[NDArray], NDArray]) -> 
     found = []
     for row in range(len(values)):
         mine = which == row
-        tops = sorted(zip(-best[mine], centre[mine], strict=True))  # of equal ones the first along theta
-        found.append((-float(tops[0][0]), float(tops[0][1])) if tops else (np.nan, np.nan))
+        order = np.argsort(centre[mine], kind="stable")
+        tops, places = best[mine][order], centre[mine][order]
+        at = first_largest(tops) if mine.any() else None
+        found.append((np.nan, np.nan) if at is None else (float(tops[at]), float(places[at])))
     return found
+
+
+def first_largest(values: NDArray) -> NDArray:
+    """The index of the largest value along the last axis, of several alike to rounding (a plateau) the first.
+
+    NaN does not count; a row of nothing else has none.
+    """
+    largest = np.nanmax(values, -1, keepdims=True)
+    return (values >= largest * (1 - _FLAT * np.finfo(values.dtype).eps)).argmax(-1)
 
 
 def _rounds(theta: NDArray, least: float) -> int:
@@ -66,7 +77,7 @@ def _starts(values: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     defined = ~np.isnan(values)
     largest, first, last = np.zeros((3, *values.shape), bool)
     rows = np.flatnonzero(defined.any(1))
-    largest[rows, np.nanargmax(values[rows], 1)] = True
+    largest[rows, first_largest(values[rows])] = True
     first[:, 1:] = defined[:, 1:] & ~defined[:, :-1]
     last[:, :-1] = defined[:, :-1] & ~defined[:, 1:]
     kind, row, index = np.nonzero(np.stack([largest, first, last]))

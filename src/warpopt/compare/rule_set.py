@@ -62,14 +62,14 @@ def warps_of(rules: Mapping[str, Rule], frustum: ViewFrustum, theta: Array) -> t
     """(eta, defined) of every rule over all directions, of shape (rules, directions).
 
     warpopt's own rules are one compiled call. Others are called as they are, on concrete arrays, so that they may
-    branch, print, or use NumPy.
+    branch, print, or use NumPy; those that an array is too much for (`math.sin`, an `if`), with one angle at a time.
 
     Raises:
         RuleError: a rule that raises, returns no `Warp`, one of another shape than theta's, or an eta that is none.
     """
     own = tuple(name for name, rule in rules.items() if KNOWN.get(name) is rule)
     compiled = dict(zip(own, _own(frustum, theta, own), strict=True))
-    warps = [compiled[name] if name in compiled else _checked(name, rule, frustum, theta)
+    warps = [compiled[name] if name in compiled else _called(name, rule, frustum, theta)
              for name, rule in rules.items()]  # fmt: skip
     return tuple(jnp.stack([jnp.asarray(field) for field in fields]) for fields in zip(*warps, strict=True))
 
@@ -79,6 +79,18 @@ def _own(frustum: ViewFrustum, theta: Array, names: tuple[str, ...]) -> list[tup
     warps = [KNOWN[name](frustum, theta) for name in names]
     shape = jnp.broadcast_shapes(frustum.near.shape, theta.shape)
     return [tuple(jnp.broadcast_to(field, shape) for field in (warp.eta, warp.defined)) for warp in warps]
+
+
+def _called(name: str, rule: Rule, frustum: ViewFrustum, theta: Array) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        return _checked(name, rule, frustum, theta)
+    except RuleError as error:
+        # what Python says of an array where it wants a number, and NumPy and JAX where it wants a truth value
+        if not isinstance(error.__cause__, TypeError | ValueError):
+            raise
+    distinct, places = np.unique(np.asarray(theta), return_inverse=True)  # `at_points` repeats one to fill its array
+    each = [_checked(name, rule, frustum, jnp.asarray(one)) for one in distinct]
+    return tuple(np.stack(field)[places] for field in zip(*each, strict=True))
 
 
 def _checked(name: str, rule: Rule, frustum: ViewFrustum, theta: Array) -> tuple[np.ndarray, np.ndarray]:

@@ -17,11 +17,11 @@ from ..solve.outcome import Outcome
 from ..solve.scene_limit import scene_limit
 from ..solve.scene_warp import checked_problem, norms_at, scene_warp
 from ..theory.camera import Camera, DirectionalLight
-from ..theory.error_norm import Metric
+from ..theory.error_norm import ErrorNorm, Metric
 from ..theory.frustum import ViewFrustum
 from ..theory.light_frame import LightFrame
 from ..theory.light_space import LightSpace
-from .comparison import Comparison
+from .comparison import Comparison, no_limit_because
 from .rule_set import KNOWN, Rule, Rules, rule_set, warps_of
 
 _TOGETHER = 64  # lights in one batch
@@ -41,12 +41,12 @@ def compare_scene_rules(
 ) -> Comparison:
     """Rules for lambda beside the optimum and the limit, over what is seen, for each of several lights.
 
-    warpopt's own rules are applied as engines apply them, to the receivers (`rules.Body`): n and f are the nearest and
-    farthest eye depth, y_min and d the start and length of their extent along Z_w, half_fov that of the frustum with
-    the camera's window along the warp; Filament's hints count from the camera's own near plane. A rule of the user's,
-    and `tsm_alternative`, whose focus region is a part of V, are given V as (frustum, theta), and their apex is kept in
-    eye coordinates: lambda over the receivers is lambda + start - start of V, eta = lambda / (lambda + mu); not defined
-    where that is not positive.
+    warpopt's own rules are applied as their sources apply them, to the receivers (`rules.Body`): n and f are the
+    nearest and farthest eye depth (or the camera's own planes, where a source takes those), y_min and d the start and
+    length of their extent along Z_w, half_fov that of the frustum with the camera's window along the warp. A rule of
+    the user's, and `tsm_alternative`, whose focus region is a part of V, are given V as (frustum, theta), and their
+    apex is kept in eye coordinates: lambda over the receivers is lambda + start - start of V,
+    eta = lambda / (lambda + mu); not defined where that is not positive.
 
     Args:
         lights: `DirectionalLight` with a leading axis, as `jax.vmap(DirectionalLight)` makes it from (T, 3).
@@ -56,8 +56,8 @@ def compare_scene_rules(
     Raises:
         ValueError: bad arguments, as `compare_rules` and `scene_warp`.
 
-    `limit` is None where `scene_limit` knows none; that of a depth buffer or of points is one over bins of depth, which
-    a warp can be up to 8 % below. `regions` is None.
+    `limit` is None where `scene_limit` knows none (`no_limit_because`); that of a depth buffer or of points is one over
+    bins of depth, which a warp can be up to 8 % below. `regions` and `peaks` are None.
 
     Example:
         >>> import jax, warpopt
@@ -82,9 +82,9 @@ def compare_scene_rules(
     unwarped, failed = values[-1], np.asarray(solution.result) > Outcome.empty
     eta, defined = eta[order], defined[order]
     values = np.where(defined & ~failed, values[order], np.nan)
-    best = _limits(camera, lights, receivers, metric, norm, screen, shadow_map)
+    best, reason = _limits(camera, lights, receivers, metric, norm, screen, shadow_map)
     theta = np.asarray(solution.frame.theta)
-    return Comparison(tuple(found), theta, solution, best, eta, defined, values, unwarped, None, None)
+    return Comparison(tuple(found), theta, solution, best, reason, eta, defined, values, unwarped, None, None)
 
 
 @jax.jit
@@ -168,17 +168,19 @@ def _body(camera: Camera, receivers: Receivers | None, footprint: Footprint, fru
         there = jnp.ones(2, bool)
     near, far = jnp.where(there, z, jnp.inf).min(), jnp.where(there, z, -jnp.inf).max()
     near, far = (jnp.where(there.any(), v, end) for v, end in ((near, camera.near), (far, camera.far)))
-    return Body(near, far, frustum.half_fov, footprint.start, footprint.mu, camera.near)
+    return Body(near, far, frustum.half_fov, footprint.start, footprint.mu, camera.near, camera.far)
 
 
-def _limits(camera, lights, receivers, metric, norm, screen, shadow_map) -> np.ndarray | None:
+def _limits(camera, lights, receivers, metric, norm, screen, shadow_map) -> tuple[np.ndarray | None, str | None]:
+    """(each light's limit, or None and why not in words)."""
+    reason = None if metric == "max" else no_limit_because(ErrorNorm.of(metric, norm, "screen"))
+    if reason:
+        return None, reason
+    each = (jax.tree.map(lambda leaf, k=k: leaf[k], lights) for k in range(len(lights.direction)))
     try:
-        return np.array([
-            scene_limit(
-                camera, jax.tree.map(lambda leaf, k=k: leaf[k], lights), receivers, metric, norm, screen=screen,
-                shadow_map=shadow_map,
-            )
-            for k in range(len(lights.direction))
-        ])  # fmt: skip
-    except ValueError:  # none is known, which is no flaw of the input: that was checked before
-        return None
+        found = [
+            scene_limit(camera, light, receivers, metric, norm, screen=screen, shadow_map=shadow_map) for light in each
+        ]
+    except ValueError as error:  # none for these receivers: all else was checked before
+        return None, f"No limit is known: {error}."
+    return np.array(found), None

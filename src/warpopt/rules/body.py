@@ -2,7 +2,8 @@
 
 Every rule but `tsm_alternative` is a formula in few numbers: the nearest and farthest eye depth (n, f), where the body
 begins along Z_w (y_min) and how far it reaches (d), theta, and the camera's half_fov. Engines take them from what is
-visible. So a rule given a `Body` is applied as an engine applies it.
+visible, and n or f here and there from the camera's own planes. A rule given a `Body` is applied as its source applies
+it; docs/corrections.md has whose n and f each takes.
 """
 
 from collections.abc import Callable
@@ -28,11 +29,12 @@ class Body(eqx.Module):
         half_fov: of the camera along the warp, radians.
         start: least Z_w . c over the receivers, from the eye (`Footprint.start`).
         mu: their depth range along Z_w, > 0 (`Footprint.mu`).
-        camera_near: the near plane's distance, at most `near`; Filament's alone counts from it.
+        camera_near, camera_far: distances of the camera's own planes, at most `near` and at least `far`. Filament's
+            hints count from the first, Scherzer's n is it, and OGRE's root is theirs.
 
     Example:
         >>> import jax, warpopt
-        >>> body = Body(*jax.numpy.array([5.0, 50.0, 0.5236, 4.0, 45.0, 0.1]))
+        >>> body = Body(*jax.numpy.array([5.0, 50.0, 0.5236, 4.0, 45.0, 0.1, 90.0]))
         >>> round(float(warpopt.rules.lispsm(body, 1.5707963).lam), 3)   # 5 + sqrt(5 * 50), from start
         20.811
     """
@@ -43,6 +45,7 @@ class Body(eqx.Module):
     start: Float[Array, "..."]
     mu: Float[Array, "..."]
     camera_near: Float[Array, "..."]
+    camera_far: Float[Array, "..."]
 
 
 class BodySpace(eqx.Module):
@@ -105,6 +108,11 @@ def space_of(frustum: ViewFrustum | Body, theta: ArrayLike) -> LightSpace | Body
     """
     theta = checked_theta(theta, frustum)
     return BodySpace(frustum, theta) if isinstance(frustum, Body) else LightSpace(frustum, theta)
+
+
+def camera_planes(frustum: ViewFrustum | Body) -> tuple[Array, Array]:
+    """Distances of the camera's own near and far plane: a frustum's are the body's."""
+    return (frustum.camera_near, frustum.camera_far) if isinstance(frustum, Body) else (frustum.near, frustum.far)
 
 
 def axis_depths(space: LightSpace | BodySpace) -> tuple[Depth, Depth]:

@@ -19,7 +19,7 @@ from .._numerics import larger, smaller
 from ..theory.frustum import ViewFrustum
 from ..theory.light_space import LightSpace, checked_theta
 from ..theory.warp import Warp
-from .body import Body, BodySpace, parameter, space_of, warp_of_product
+from .body import BodySpace, camera_planes, parameter, space_of, warp_of_product
 
 
 def lispsm_paper(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
@@ -65,7 +65,7 @@ def filament(frustum: ViewFrustum, theta: ArrayLike, near_hint: float = 1.0, far
     far_hint = parameter("far_hint", far_hint, frustum, lambda v: (v > 0) & (v < jnp.inf), "a finite length > 0")
     space = space_of(frustum, theta)
     s, m, x = space.sin_theta, space.mu_over_near, space.depth_range
-    h = larger(near_hint - (frustum.camera_near if isinstance(frustum, Body) else frustum.near), 0) / space.near
+    h = larger(near_hint - camera_planes(frustum)[0], 0) / space.near
     first, last = larger(1, near_hint / space.near), smaller(smaller(1 + x, far_hint / space.near), 1 + m * s)
     # the roots one by one: the product could overflow single precision
     equal = m * s / (1 + jnp.sqrt(first) * jnp.sqrt(last))
@@ -156,9 +156,10 @@ def openmw(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: float = 0.25)
 
 
 def ogre(frustum: ViewFrustum, theta: ArrayLike, adjust: float = 0.1, threshold: float = 0.451) -> Warp:
-    """OGRE up to 13.5, its simple rule: lambda = (n + sqrt(n f)) k t, without any sin(theta).
+    """OGRE up to 13.5, its simple rule: lambda = (n + sqrt(c_n c_f)) k t, without any sin(theta).
 
-    t = 1 while |cos(g)| < c = cos(threshold), and 1 + 20 (|cos(g)| - c) / (1 - c) beyond.
+    c_n and c_f are the camera's own near and far distance, which are n and f but for a `Body`. t = 1 while
+    |cos(g)| < c = cos(threshold), and 1 + 20 (|cos(g)| - c) / (1 - c) beyond.
     OgreMain/src/OgreShadowCameraSetupLiSPSM.cpp @00dd9a5.
 
     Args:
@@ -181,7 +182,10 @@ def ogre(frustum: ViewFrustum, theta: ArrayLike, adjust: float = 0.1, threshold:
     c = jnp.cos(angle)
     # 1 - c without its cancellation for small angles
     tweak = 1 + 20 * larger(_cosine(space) - c, 0) / (2 * jnp.sin(angle / 2) ** 2)
-    lam = (1 + jnp.sqrt(1 + space.depth_range)) * k * tweak
+    planes = camera_planes(frustum)
+    # the roots one by one: the product could overflow single precision
+    root = jnp.sqrt(planes[0] / space.near) * jnp.sqrt(planes[1] / space.near)
+    lam = (1 + root) * k * tweak
     return Warp.from_range_ratio(space.mu_over_near / lam, space.mu)
 
 

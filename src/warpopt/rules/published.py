@@ -12,7 +12,7 @@ from .._numerics import smaller
 from ..solve.sign_change import on_lanes, positive_root
 from ..theory.frustum import ViewFrustum
 from ..theory.warp import Warp
-from .body import Body, axis_depths, parameter, space_of, warp_of_product
+from .body import Body, axis_depths, camera_planes, parameter, space_of, warp_of_product
 
 
 def ssm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
@@ -62,7 +62,8 @@ def lispsm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
 def scherzer(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     """SC (1), (2): n_opt = (n + sqrt(n (n + mu))) / sin(theta) measured from n before the eye, lambda = n_opt - n + d0.
 
-    The depth extent Dz of the body is that of the whole frustum in light space. Can be negative for theta < phi.
+    n is the camera's near distance, for a `Body` too; mu, the paper's Dz, is the body's extent along Z_w. Can be
+    negative for theta < phi.
 
     Example:
         >>> import warpopt
@@ -72,8 +73,9 @@ def scherzer(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     """
     space = space_of(frustum, theta)
     s = space.sin_theta
+    n = camera_planes(frustum)[0] / space.near
     # multiplied by sin(theta), so that theta = 0 (lambda = inf) is a value like any other
-    lam_sin = 1 + jnp.sqrt(1 + space.mu_over_near) + s * (space.minimum_depth / space.near - 1)
+    lam_sin = n + jnp.sqrt(n) * jnp.sqrt(n + space.mu_over_near) + s * (space.minimum_depth / space.near - n)
     return warp_of_product(space, lam_sin, s)
 
 
