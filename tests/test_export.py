@@ -101,6 +101,35 @@ def test_the_code_of_several_rows_is_their_look_up(rows, fovs, compiler, tmp_pat
     assert (eta[np.isnan(given[:, needed]).any(1)] == 1).all()
 
 
+@pytest.mark.parametrize(
+    ("ranges", "compiler"),
+    [({"depth_ratio_range": (2.0, 30.0)}, "gcc"), ({"half_fov_range": (0.45, 0.6)}, "g++")],
+)
+def test_a_built_table_over_one_axis_is_for_the_frusta_that_it_was_built_for(ranges, compiler, tmp_path):
+    """From the range to the lambda of compiled code, whose regret is what was promised."""
+    table = warpopt.build_table(FRUSTUM, max_regret=0.03, **ranges)
+    table.save(tmp_path / "table.json")
+    table = warpopt.LambdaTable.load(tmp_path / "table.json")
+    language, by_fov = (C if compiler == "gcc" else CPP), "half_fov_range" in ranges
+    rng = np.random.default_rng(3)
+    given = np.tile(np.float32([0, 0.5, 50, np.pi / 6]), (20_000, 1))
+    given[:, 0] = rng.uniform(0, np.pi, len(given))
+    if by_fov:
+        given[:, 3] = rng.uniform(0.45, 0.6, len(given))
+    else:
+        given[:, 2] = 0.5 * 2 * 15 ** rng.random(len(given))
+    eta, lam = run_compiled(compiler, language.suffix, source(table, language), given, by_fov, tmp_path).T
+    theta, near, far, half_fov = given.astype(float).T
+    frustum = warpopt.ViewFrustum(near, far, half_fov if by_fov else np.pi / 6)
+    best = warpopt.optimal_warp(frustum, theta)
+    for warp in (
+        warpopt.Warp.from_eta(eta.astype(float), 1.0),
+        warpopt.Warp.from_lam(np.where(lam > 3.3e38, np.inf, lam.astype(float)), best.warp.mu),
+        table.warp(frustum, theta),
+    ):
+        assert (warpopt.error_norm(frustum, theta, warp) / best.value - 1).max() <= 0.03 * (1 + 1e-4)
+
+
 def frusta(count: int) -> np.ndarray:
     """Rows for the closed form: f/n to 1e6, all fields of view, and a third next to where it turns."""
     rng = np.random.default_rng(1)

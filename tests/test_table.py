@@ -36,6 +36,17 @@ def test_the_promise_is_kept_with_few_knots(table):
     assert regret.max() <= table.achieved * (1 + 1e-9)
 
 
+def test_a_steep_kink_is_met_on_the_far_side_too():
+    """In single precision pi - theta is 1e-7 off, where eta beside theta = phi changes by 1e-4 of itself."""
+    frustum = warpopt.ViewFrustum(1.0, 1e5, np.pi / 6)
+    table = build_table(frustum, max_regret=1e-4, theta_range=(0.5, 0.56))
+    theta = np.float32(np.linspace(np.pi - 0.53, np.pi - 0.52, 40_001))
+    exact = np.pi - theta.astype(float)
+    warp = warpopt.Warp.from_eta(table.eta_numpy(theta).astype(float), 1.0)
+    regret = warpopt.error_norm(frustum, exact, warp) / warpopt.optimal_warp(frustum, exact).value - 1
+    assert 1e-5 < regret.max() <= 1e-4
+
+
 @pytest.mark.parametrize(("metric", "norm", "knots"), [("q", "inf", 10), ("p", "l2", 5)])
 def test_other_objectives_keep_their_promise_too(metric, norm, knots):
     """E_q, whose optimum jumps beyond the half field of view, and an L_P norm."""
@@ -96,7 +107,7 @@ def test_look_up_in_jax_and_numpy_agree_and_differentiate(table):
     np.testing.assert_allclose(slope, difference, rtol=1e-6)
     warp = table.warp(warpopt.ViewFrustum(2.0, 200.0, np.pi / 6), 0.9)
     np.testing.assert_allclose(warp.eta, table.eta_numpy(0.9), rtol=1e-14)
-    with pytest.raises(ValueError, match=r"far/near: got 50\.0, expected the table's 100"):
+    with pytest.raises(ValueError, match=r"depth_ratio: got 50\.0, expected the table's 100"):
         table.warp(warpopt.ViewFrustum(2.0, 100.0, np.pi / 6), 0.9)
 
 
@@ -110,6 +121,9 @@ def test_outside_is_clamped_or_refused_as_asked(table):
     assert part.eta(float("nan")) == 1
     with pytest.raises(ValueError, match="theta: got nan"):
         part.eta(float("nan"), outside="error")
+    with pytest.raises(ValueError, match=r"depth_ratio: got 50\.0, expected the table's 100"):
+        part.eta(1.0, 50.0, outside="error")
+    assert part.eta(1.0, 50.0) == part.eta(1.0)
     with pytest.raises(ValueError, match="outside: got 'wrap'"):
         part.eta(1.0, outside="wrap")
 
@@ -137,7 +151,7 @@ def test_a_table_of_several_rows_keeps_its_promise_everywhere(wide):
         warp = warpopt.Warp.from_eta(eta.astype(float), 1.0)
         regret = np.asarray(warpopt.error_norm(frustum, theta, warp) / best - 1)
         assert regret.max() <= 0.05 * (1 + 1e-4)  # single precision's own
-        assert regret.max() <= wide.achieved * 1.05  # the search has found about the worst
+        assert regret.max() <= wide.achieved * 1.002  # the search has found the worst, or next to it
     by_jax = wide.eta(theta[:500], ratio[:500], fov[:500])
     np.testing.assert_allclose(by_jax, wide.eta_numpy(theta[:500], ratio[:500], fov[:500]), rtol=1e-13)
     slope = jax.grad(lambda v: wide.eta(0.7, v, 0.45))(50.0)

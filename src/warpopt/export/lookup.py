@@ -169,8 +169,15 @@ def source(table: LambdaTable, language: Language, prefix: str = "warpopt") -> s
     else:
         constants["TAN_PHI"] = math.tan(rows.half_fov[0])
     arrays |= {"THETA": rows.theta.ravel(), "ETA": rows.eta.ravel()}
+    single = [
+        words
+        for name, words in (("ratio", f"far/near = {rows.depth_ratio[0]:.9g}"),
+                            ("fov", f"half field of view {math.degrees(rows.half_fov[0]):.9g} degrees"))
+        if name not in axes
+    ]  # fmt: skip
+    note = ETA_NOTE + (f" For {' and '.join(single)}, whatever is given." if single else "")
     functions = (
-        Function("eta", ETA_NOTE, parameters, _eta_body(axes, *table.theta.shape)),
+        Function("eta", note, parameters, _eta_body(axes, *table.theta.shape)),
         Function("lambda", LAMBDA_NOTE, parameters, _LAMBDA.format(parameters=", ".join(parameters), tangent=tangent)),
     )
     return text_of(Program([*_notes(table), *HOW_TO], constants, arrays, functions), language, prefix)

@@ -81,15 +81,15 @@ class LambdaTable(eqx.Module):
         Args:
             theta: radians, any shape.
             depth_ratio, half_fov: far/near and half the field of view, of shapes that broadcast; needed for an axis
-                that the table has, ignored where it has one row.
+                that the table has. Where it has one row they change nothing; "error" refuses other values than its own.
             outside: "clamp": beyond the first or last knot (folded) or row its value, and eta = 1 for NaN, as the
-                exported code does; "error": both, and theta outside [0, pi], are refused.
+                exported code does; "error": both, and theta outside [0, pi], are refused (under jit at run time).
 
         Raises:
             ValueError: see `outside`; a missing argument.
         """
-        values = float_arrays(theta=theta, **self._given(depth_ratio=depth_ratio, half_fov=half_fov))
-        return self._looked_up(values, outside, jnp)
+        given = self._given(outside, depth_ratio=depth_ratio, half_fov=half_fov)
+        return self._looked_up(float_arrays(theta=theta, **given), outside, jnp)
 
     def eta_numpy(
         self,
@@ -102,7 +102,7 @@ class LambdaTable(eqx.Module):
         """`eta` in plain NumPy, in theta's precision, operation by operation what the exported code does."""
         theta = np.asarray(theta)
         dtype = theta.dtype if theta.dtype == np.float32 else np.dtype(np.float64)
-        given = self._given(depth_ratio=depth_ratio, half_fov=half_fov)
+        given = self._given(outside, depth_ratio=depth_ratio, half_fov=half_fov)
         return self._looked_up([np.asarray(v, dtype) for v in (theta, *given.values())], outside, np)
 
     def warp(self, frustum: ViewFrustum, theta: ArrayLike, *, outside: Outside = "clamp") -> Warp:
@@ -112,13 +112,7 @@ class LambdaTable(eqx.Module):
             ValueError: as `eta`; a frustum of another far/near or field of view than that of a table of one.
         """
         ratio, half_fov = frustum.depth_ratio, frustum.half_fov
-        for name, value, axis in (("far/near", ratio, self.depth_ratio), ("half_fov", half_fov, self.half_fov)):
-            if len(axis) == 1:
-                tolerance = 16 * float(jnp.finfo(frustum.near.dtype).eps)
-                expected = float(axis[0])
-                checked(
-                    name, value, lambda v, e=expected, t=tolerance: abs(v / e - 1) <= t, f"the table's {expected:.9g}"
-                )
+        self._check_single(depth_ratio=ratio, half_fov=half_fov)
         eta = self.eta(theta, ratio, half_fov, outside=outside)
         mu = LightSpace(frustum, jnp.asarray(theta, frustum.near.dtype)).mu
         return Warp(eta, 1 - eta, mu, jnp.ones((), bool))
@@ -140,8 +134,20 @@ class LambdaTable(eqx.Module):
 
         return load(path)
 
-    def _given(self, **values: ArrayLike | None) -> dict[str, ArrayLike]:
+    def _check_single(self, **values: ArrayLike | None) -> None:
+        """Refuse other values of an axis of one row than its own."""
+        for name, value in values.items():
+            axis = getattr(self, name)
+            if len(axis) > 1 or value is None:
+                continue
+            (value,) = float_arrays(**{name: value})
+            own, tolerance = float(axis[0]), 16 * float(jnp.finfo(value.dtype).eps)
+            checked(name, value, lambda v, o=own, t=tolerance: abs(v / o - 1) <= t, f"the table's {own:.9g}")
+
+    def _given(self, outside: Outside, **values: ArrayLike | None) -> dict[str, ArrayLike]:
         """Of the axes' values, those of axes that the table has."""
+        if outside == "error":
+            self._check_single(**values)
         asked = {name: value for name, value in values.items() if len(getattr(self, name)) > 1}
         for name, value in asked.items():
             if value is None:

@@ -43,7 +43,8 @@ def look_up(theta, depth_ratio, half_fov, rows: Rows, xp):
     rows = Rows(*(xp.asarray(v.astype(dtype)) for v in rows))
     pi, half = np.asarray(np.pi, dtype), np.asarray(np.pi / 2, dtype)
     rest = np.asarray(np.pi - float(pi), dtype)  # what single precision's pi lacks: kinks are steep
-    folded = xp.where(theta > half, (pi - theta) + rest, theta)
+    # Two selections: of one, compilers add the two constants, and the remainder is lost.
+    folded = xp.where(theta > half, pi - theta, theta) + xp.where(theta > half, rest, 0)
     axes = [
         of(value, axis, xp)
         for value, axis, of in (

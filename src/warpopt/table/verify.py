@@ -9,7 +9,7 @@ from .look_up import Rows, look_up
 from .tube import Objective, regret
 
 _POINTS = 20_000  # directions of a single row; eight times as many points of a table of several
-_LOCAL = 129
+_STARTS, _LOCAL, _ROUNDS = 16, 64, 14  # of the search around the worst
 
 
 class Ranges(NamedTuple):
@@ -63,18 +63,24 @@ def verify(
 
     points = _points(low, high, rows)
     found = of(points)
-    at, worst = points[int(np.argmax(found))], float(found.max())
+    # Of the points in order of theta, the local worst; around the worst of these, closer and closer.
+    peaks = np.flatnonzero((found >= np.r_[found[1:], 0]) & (found >= np.r_[0, found[:-1]]))
+    peaks = peaks[np.argsort(-found[peaks])]
+    at, most = points[peaks[:_STARTS]], found[peaks[:_STARTS]]
     width = (high - low) * len(points) ** (-1 / max(1, (high > low).sum()))
     rng = np.random.default_rng(54321)
-    for _ in range(8):  # each time 16 times closer
-        near = np.clip(at + width * rng.uniform(-1, 1, (_LOCAL, 3)), low, high)
-        local = of(near)
-        if local.max() > worst:
-            worst, at = float(local.max()), near[int(np.argmax(local))]
-        width = width / 16
-    # Of the points in order of theta, the local worst.
-    peaks = (found > promise) & (found >= np.r_[found[1:], 0]) & (found >= np.r_[0, found[:-1]])
-    broken = np.concatenate([points[peaks][:200], at[None]]) if worst > promise else np.empty((0, 3))
+    for _ in range(_ROUNDS):
+        near = np.clip(at[:, None] + width * rng.uniform(-1, 1, (len(at), _LOCAL, 3)), low, high)
+        local = of(near.reshape(-1, 3)).reshape(near.shape[:2])
+        best = local.argmax(1)[:, None]
+        at = np.where(
+            local.max(1, keepdims=True) > most[:, None], np.take_along_axis(near, best[..., None], 1)[:, 0], at
+        )
+        most = np.maximum(most, local.max(1))
+        width = width / 3
+    worst, at = float(most.max()), at[most.argmax()]
+    broken = points[peaks[:200]][found[peaks[:200]] > promise]
+    broken = np.concatenate([broken, at[None]]) if worst > promise else broken
     theta, log_ratio, half_fov = np.clip(at, low, high)
     depth_ratio = np.clip(np.exp(log_ratio), *ranges.depth_ratio)  # a logarithm's exponential is not quite itself
     return worst, (float(theta), float(depth_ratio), float(half_fov)), broken
