@@ -35,7 +35,7 @@ class LimitMap(eqx.Module):
     E_p at eye depth z and delta = (Z_w . c - start) / mu is density mu / z over the slope ds/d delta there.
 
     Attributes:
-        delta, s: (N,) knots, neither decreasing.
+        delta, s: (N,) knots; delta increases from 0 to 1, s does not decrease.
         value: the norm of the exact map, the limit. The straight pieces between the knots are within a few per cent of
             it in L-inf, and much less in L_P; of points and depth buffers, whose bins they are, they are exact.
         start, mu: of the receivers along Z_w, in world units from the eye.
@@ -135,6 +135,7 @@ def _checked(path: Path, fields: dict) -> LimitMap:
         raise TableFileError(f"{path}: got a field that is no number, expected numbers") from None
     shapes = {column.shape for column in columns.values()}
     rising = len(shapes) == 1 and all(c.ndim == 1 and len(c) > 1 and (np.diff(c) >= 0).all() for c in columns.values())
+    rising = rising and (np.diff(columns["delta"]) > 0).all()
     if not rising or any((c[0], c[-1]) != (0, 1) for c in columns.values()):
         raise TableFileError(f"{path}: got knots that do not run from 0 to 1, expected delta and s that both do")
     own = {"format": FORMAT} | {name: str(fields[name]) for name in _TEXT} | numbers
@@ -227,10 +228,13 @@ def _check_knots(knots: int) -> None:
 
 
 def _running(length: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(delta, s) at the ends of pieces."""
+    """(delta, s) at the ends of pieces, delta rising: a piece within rounding of no length is its neighbour's."""
     delta, s = (np.concatenate([[0.0], np.minimum(np.cumsum(v) / v.sum(), 1.0)]) for v in (length, share))
     delta[-1] = s[-1] = 1.0
-    return delta, s
+    tiny = 4 * np.finfo(float).eps
+    kept = np.append((np.diff(delta) > tiny) & (delta[:-1] > tiny) & (delta[:-1] < 1 - tiny), True)
+    kept[0] = True
+    return delta[kept], s[kept]
 
 
 def _knots(space: LightSpace, norm: ErrorNorm, count: int) -> tuple[np.ndarray, np.ndarray]:
