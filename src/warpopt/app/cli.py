@@ -198,7 +198,7 @@ class Solve(_OneProblem):
 
 @dataclasses.dataclass(frozen=True)
 class Rules(_OneProblem):
-    """Every published rule's lambda, and its error as a multiple of the optimum's."""
+    """Every rule's lambda, published or an engine's, and its error as a multiple of the optimum's."""
 
     def run(self) -> int:
         problem = self.problem()
