@@ -97,6 +97,14 @@ def test_the_reference_has_every_public_name_and_no_other():
         assert found.__module__ == module.replace("/", "."), f"{name} is not written there"
 
 
+def test_the_reference_says_what_the_docstrings_say():
+    """Else: python docs/write_reference.py."""
+    spec = importlib.util.spec_from_file_location("write_reference", ROOT / "docs" / "write_reference.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.described(REFERENCE).splitlines() == REFERENCE.splitlines()
+
+
 def test_every_public_name_has_an_example_that_runs():
     public = {name: getattr(warpopt, name) for name in warpopt.__all__ if name != "rules"}
     public |= warpopt.rules.PUBLISHED | warpopt.rules.ENGINES
