@@ -21,7 +21,7 @@ from ..theory.camera import Camera, DirectionalLight
 from ..theory.error_norm import ErrorNorm, Metric
 from ..theory.frustum import ViewFrustum
 from ..theory.light_space import LightSpace, checked_theta
-from .files import TableFileError, _digest, _encoded, _from_json, _from_npz, write_table
+from .files import READERS, TableFileError, digest_of, encoded_fields, write_table
 
 FORMAT = "warpopt.LimitMap 2"
 _TEXT = ("norm", "measure", "version")
@@ -78,7 +78,7 @@ class LimitMap(eqx.Module):
 
     def encoded(self, path: str | Path) -> bytes:
         """What `save` writes to the path; raises as it does for the ending."""
-        return _encoded(_fields(self), _columns(self), Path(path))
+        return encoded_fields(_fields(self), _columns(self), Path(path))
 
     @staticmethod
     def load(path: str | Path) -> "LimitMap":
@@ -88,7 +88,7 @@ class LimitMap(eqx.Module):
             TableFileError (a ValueError): a file that is missing, truncated, edited or foreign.
         """
         path = Path(path)
-        read = {".npz": _from_npz, ".csv": _from_csv, ".json": _from_json}.get(path.suffix)
+        read = {**READERS, ".csv": _from_csv}.get(path.suffix)
         if read is None:
             raise TableFileError(f"{path}: got the ending {path.suffix!r}, expected .npz, .csv or .json")
         try:
@@ -104,7 +104,7 @@ def _fields(best: LimitMap) -> dict:
     norm = {math.inf: "inf", 1.0: "l1", 2.0: "l2"}.get(best.order, repr(best.order))
     text = {"norm": norm, "measure": best.measure, "version": importlib.metadata.version("warpopt")}
     fields = {"format": FORMAT, **text, **{name: getattr(best, name) for name in _NUMBERS}}
-    return {**fields, "digest": _digest(fields, _columns(best))}
+    return {**fields, "digest": digest_of(fields, _columns(best))}
 
 
 def _columns(best: LimitMap) -> dict[str, np.ndarray]:
@@ -139,7 +139,7 @@ def _checked(path: Path, fields: dict) -> LimitMap:
     if not rising or any((c[0], c[-1]) != (0, 1) for c in columns.values()):
         raise TableFileError(f"{path}: got knots that do not run from 0 to 1, expected delta and s that both do")
     own = {"format": FORMAT} | {name: str(fields[name]) for name in _TEXT} | numbers
-    if fields["digest"] != _digest(own, columns):
+    if fields["digest"] != digest_of(own, columns):
         raise TableFileError(f"{path}: got contents that its digest does not fit, expected a map as it was written")
     return LimitMap(**columns, **numbers, order=order, measure=measure)
 
