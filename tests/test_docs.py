@@ -68,7 +68,9 @@ def test_formulas_are_numbered_in_order_and_each_has_its_function():
     assert [int(number) for number, _, _ in rows] == stated
     for number, source, function in rows:
         assert COMPUTED.search(function), f"T{number} is computed by nothing"
-        assert re.search(r"AT09|VN|WI|SC|derived here|theorem|2004|\w @[0-9a-f]{7}$", source), f"T{number} comes from nowhere"
+        assert re.search(r"AT09|VN|WI|SC|derived here|theorem|2004|\w @[0-9a-f]{7}$", source), (
+            f"T{number} comes from nowhere"
+        )
     for number in re.findall(r"\(T(\d+)\)", THEORY):
         assert int(number) in stated, f"T{number} is referred to and not there"
 
