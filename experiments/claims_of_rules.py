@@ -68,7 +68,7 @@ def psm_near_the_eye() -> Claim:
         verdict(near[0] == min(near) and far[0] == max(far) and far[0] > 5 * sorted(far)[-2]),
         f"E_p of PSM, LiSPSM, TSM and no warp: {', '.join(f'{v:.2f}' for v in near)} at z = n, "
         f"{', '.join(f'{v:.2f}' for v in far)} at z = f",
-        "theta = 90 deg, view axis",
+        "theta = 90 deg, view axis; very: 5 times the next",
     )
 
 
@@ -174,7 +174,7 @@ def focus_along_the_view() -> Claim:
         "at theta = 0 TSM warps the focus region into very few texels",
         verdict(share < 0.25 / 2),
         f"{share:.4f} of the map, for 0.25 without a warp",
-        "kappa = 0.5, xi = 0.8, f/n without bound",
+        "kappa = 0.5, xi = 0.8, f/n without bound; very few: less than half",
     )
 
 

@@ -21,20 +21,23 @@ RULES = {"no warp": warpopt.rules.ssm, "LiSPSM": warpopt.rules.lispsm, "TSM (0.5
 
 
 def losses(metric: str) -> np.ndarray:
-    """A row for each direction: the optimal lambda/mu, and each rule's largest error over the optimum's."""
+    """A row for each direction: the optimal lambda/mu, each rule's largest error over the optimum's, and the optimum's
+    over the limit; NaN where none is known.
+    """
     theta = np.deg2rad(DEGREES[metric])
     best = warpopt.optimal_warp(FRUSTUM, theta, metric)
+    limit = warpopt.limit(FRUSTUM, theta, metric) if metric in ("p", "q") else np.nan
     errors = [warpopt.error_norm(FRUSTUM, theta, rule(FRUSTUM, theta), metric) for rule in RULES.values()]
-    return np.stack([best.warp.lam_over_mu, *(error / best.value for error in errors)], 1)
+    return np.stack([best.warp.lam_over_mu, *(error / best.value for error in errors), best.value / limit], 1)
 
 
 def table(rows: dict[str, np.ndarray]) -> str:
     cells = (
         (f"E_{metric}", f"{degrees} deg", _digits(row[0], 4) if np.isfinite(row[0]) else "inf: no warp",
-         *(_digits(ratio, 3) for ratio in row[1:]))
+         *(_digits(ratio, 3) if np.isfinite(ratio) else "not known" for ratio in row[1:]))
         for metric, found in rows.items() for degrees, row in zip(DEGREES[metric], found, strict=True)
     )  # fmt: skip
-    return markdown_table(("error", "theta", "optimal lambda/mu", *RULES), cells)
+    return markdown_table(("error", "theta", "optimal lambda/mu", *RULES, "optimum / limit"), cells)
 
 
 def _digits(value: float, count: int) -> str:

@@ -13,11 +13,12 @@ VERDICTS = {
         "mu", "grows_downwards", "largest", "along_the_view", "psm", "ssm", "tsm_below", "tsm_zero", "alternative",
         "scale", "minimum_norm", "n_opt", "logarithm", "extent", "z_w", "local", "factorisation", "width_below",
         "which_end", "smaller_lambda", "quad", "halves_tsm", "ends", "psm_near", "focus_zero", "area_bound", "between",
-        "lispsm_psm", "only_worsens", "converges",
+        "lispsm_psm", "converges",
     },
     "holds under a condition": {
         "width", "width_f_q", "e_q_extrema", "tsm_stronger", "halves", "lispsm_minimal", "storage", "strength", "apex",
-        "perpendicular", "e_q_falls", "tsm_suitable", "equal_ends",
+        "perpendicular", "e_q_falls", "tsm_suitable", "equal_ends", "only_worsens",
+        "best_distribution",
     },
     "contradicted": {
         "f_p_above", "f_p_below", "least", "no_advantage", "tsm_above", "area", "parallel", "most_aliasing",
@@ -60,6 +61,7 @@ def test_every_verdict(rows):
         ("tsm_zero", ("0.3333", "0.5714")),
         ("tsm_suitable", ("6.25 at 90",)),  # 29.0 / 4.64
         ("storage", ("342.9 at 90",)),  # 198 / tan(30 deg)
+        ("best_distribution", ("17.15", "20.00", "18.5, at n = 10.1")),  # the storage factor's root
         ("dp_dt", ("2.000", "20.000", "10.00 times")),  # sqrt(f / n)
         ("psm_near", ("1.71", "171.47")),  # 0.99 and 99 / tan(30 deg)
         ("smaller_lambda", ("4.82", "11.0")),  # 0.0487 mu, 10 + 1

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -174,6 +175,14 @@ def test_solve_and_rules_answer_in_json(folder, capsys):
     assert invoke("rules", *problem, "--metric", "p") == 0
     rules = json.loads(capsys.readouterr().out)["rules"]
     assert rules["ssm"]["over_limit"] == pytest.approx(10 * answer["over_limit"], rel=1e-13)
+    assert rules.keys() == warpopt.rules.PUBLISHED.keys() | warpopt.rules.ENGINES.keys()
+    assert rules["openmw"]["lambda"] == pytest.approx(12.375, rel=1e-12)  # r d / 2
+    assert set(rules["tsm_alternative"].values()) == {None, False}  # of theta <= phi alone
+    assert invoke("rules", *problem[:-1]) == 0
+    printed = capsys.readouterr().out
+    assert "E_p, norm inf, measure screen" in printed
+    (undefined,) = (line for line in printed.splitlines() if "tsm_alternative" in line)
+    assert re.findall(r"[^\s│]+", undefined) == ["tsm_alternative", "-", "-", "-", "-"]
     assert invoke("rules", *problem, "--metric", "q", "--norm", "2") == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["rules"]["psm"]["ratio"] == pytest.approx(1.0, abs=1e-13)
@@ -188,7 +197,7 @@ def test_limit_writes_a_map_that_reads_back(folder, capsys):
     problem = ["--near", "1", "--far", "100", "--half-fov-deg", "30", "--theta-deg", "90"]
     assert invoke("limit", "new/best.csv", "best.json", *problem) == 0
     printed = capsys.readouterr().out
-    assert "E_p in inf over screen: 7.97639" in printed
+    assert "E_p, norm inf, measure screen: 7.97639" in printed
     assert "2.15 times" in printed
     for name in ("new/best.csv", "best.json"):
         assert warpopt.LimitMap.load(name).value == pytest.approx(math.sqrt(3) * math.log(100), rel=1e-13)

@@ -198,7 +198,7 @@ class Solve(_OneProblem):
 
 @dataclasses.dataclass(frozen=True)
 class Rules(_OneProblem):
-    """Every published rule's lambda, and its error as a multiple of the optimum's."""
+    """Every rule's lambda, published or an engine's, and its error as a multiple of the optimum's."""
 
     def run(self) -> int:
         problem = self.problem()
@@ -209,7 +209,8 @@ class Rules(_OneProblem):
 
 @dataclasses.dataclass(frozen=True)
 class Limit(_OneView):
-    """The map s(delta) of E_p that no map of the depth can better, as a table."""
+    """The map s(delta) of E_p that no map of the depth can better, as a table: data (docs/engines.md reads it in C);
+    over a scene's receivers, `warpopt.scene_limit_map` in Python."""
 
     files: tyro.conf.Positional[tuple[Path, ...]] = ()
     """Where to, for example limit.csv limit.json: each ends in .npz, .csv or .json."""

@@ -167,17 +167,14 @@ def receivers_of(config: SceneConfig, scene: SceneInput, i: int):
     return warpopt.WholeFrustum(asked.whole_frustum.measure)
 
 
-def no_scene_limit_because(metric: str, norm: str | float, receivers: Any) -> str | None:
+def no_scene_limit_because(metric: str, norm: str | float) -> str | None:
     """Why an objective's results are no multiples of a limit, in words; None if they are."""
-    if metric == "max":  # in L-inf alone
-        return None
-    known = norm == "inf" or isinstance(receivers, warpopt.DepthBuffer)
-    return no_limit_because(metric, norm) or (None if known else "No limit is known for an L_P norm over a body.")
+    return None if metric == "max" else no_limit_because(metric, norm)  # "max" is in L-inf alone
 
 
 def _limit(config: SceneConfig, camera, direction, receivers, metric: str, norm: str | float, value) -> dict[str, Any]:
     """The part of a problem's row about the limit."""
-    reason = no_scene_limit_because(metric, norm, receivers)
+    reason = no_scene_limit_because(metric, norm)
     least = None
     if reason is None:
         least = warpopt.scene_limit(

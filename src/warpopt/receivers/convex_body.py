@@ -82,8 +82,8 @@ class ConvexBody(eqx.Module):
 
     def footprint(self, camera: Camera, frame: LightFrame, norm: ErrorNorm) -> Footprint:
         """See `Receivers`."""
-        planes = self._with_frustum(camera)
-        vertices, valid = _vertices(planes)
+        planes = self.with_frustum(camera)
+        vertices, valid = vertices_of(planes)
         footprint = from_groups(singles(valid, vertices, frame), camera.near, grouped=False)
         if norm.supremum:
             return footprint
@@ -93,20 +93,21 @@ class ConvexBody(eqx.Module):
 
     def vertices(self, camera: Camera) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
         """(eye coordinates, which are vertices of B) of its vertices, each some times over."""
-        return _vertices(self._with_frustum(camera))
+        return vertices_of(self.with_frustum(camera))
 
-    def _with_frustum(self, camera: Camera) -> Array:
-        """All half-spaces in eye coordinates."""
+    def with_frustum(self, camera: Camera) -> Float[Array, "N 4"]:
+        """All half-spaces in eye coordinates, the frustum's first."""
         planes = self.planes.astype(camera.position.dtype)
         normals = planes[:, :3] @ camera.rotation.T
         offsets = planes[:, 3] + planes[:, :3] @ camera.position
         return jnp.concatenate([camera.planes(), jnp.c_[normals, offsets]])
 
 
-def _vertices(planes: Array) -> tuple[Array, Array]:
-    """Every edge of a polytope is a line of two planes, clipped by all others: the ends of these are its vertices.
+def vertices_of(planes: Float[Array, "K 4"]) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
+    """(points, which are vertices) of a polytope: both ends of its edges, first one of each, then the other.
 
-    Points within rounding of the body count as its own, so that a body without thickness keeps its vertices.
+    Every edge is a line of two planes, clipped by all others. Points within rounding of the body count as its own, so
+    that a body without thickness keeps its vertices.
     """
     normals, offsets = planes[:, :3], planes[:, 3]
     eps = jnp.finfo(planes.dtype).eps
@@ -145,19 +146,27 @@ def _clipped(base, direction, normals, offsets, others) -> tuple[Array, Array, A
     return jnp.where(bounded, start, 0), jnp.where(bounded, end, 0), bounded, slanted, inside
 
 
-def _moments(planes, vertices, valid, frame, footprint: Footprint, norm: ErrorNorm, exponent: int):
-    """(moments, unit) over the body, every term positive."""
+def thickened(
+    planes: Float[Array, "K 4"], vertices: Float[Array, "N 3"], valid: Bool[Array, " N"]
+) -> tuple[Array, Array, Array]:
+    """(half-spaces, vertices, which are valid) of a body that is at least sqrt(eps) of its size thick.
+
+    A thinner one has no volume to speak of; to thicken it moves the optimum by no more than rounding does elsewhere.
+    """
     eps = jnp.finfo(planes.dtype).eps
-    # A body thinner than sqrt(eps) of its size has no volume to speak of: it is thickened to that, which moves the
-    # optimum by no more than rounding does elsewhere.
     present = valid[:, None]
     extent = (jnp.where(present, vertices, -jnp.inf).max(0) - jnp.where(present, vertices, jnp.inf).min(0)).max()
     size = jnp.maximum(extent, eps**0.5 * jnp.abs(jnp.where(present, vertices, 0)).max())
     size = jax.lax.stop_gradient(jnp.where(jnp.isfinite(size) & (size > 0), size, 1))
-    thickness = jnp.where(valid[:, None], vertices @ planes[:, :3].T + planes[:, 3], -jnp.inf).max(0)
+    thickness = jnp.where(present, vertices @ planes[:, :3].T + planes[:, 3], -jnp.inf).max(0)
     short = jax.lax.stop_gradient(eps**0.5 * size - thickness)
     thick = planes.at[:, 3].add(jnp.where(valid.any() & (short > 0), short, 0))
-    vertices, valid = _vertices(thick)
+    return thick, *vertices_of(thick)
+
+
+def _moments(planes, vertices, valid, frame, footprint: Footprint, norm: ErrorNorm, exponent: int):
+    """(moments, unit) over the body, every term positive."""
+    thick, vertices, valid = thickened(planes, vertices, valid)
     z = jnp.where(valid, vertices[:, 2], jnp.nan)
     first = jnp.where(valid.any(), jnp.nanmin(jnp.where(valid, z, jnp.inf)), 1)
     last = jnp.where(valid.any(), jnp.nanmax(jnp.where(valid, z, -jnp.inf)), 2)

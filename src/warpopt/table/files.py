@@ -38,7 +38,7 @@ def save(table: LambdaTable, path: str | Path) -> None:
 def write_table(path: str | Path, fields: dict, knots: dict[str, np.ndarray]) -> None:
     """Write scalars and columns of equal length as .npz, .csv or .json, by the path's ending; raises as `save`."""
     path = Path(path)
-    content = _encoded(fields, knots, path)
+    content = encoded_fields(fields, knots, path)
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
         whole = Path(folder) / path.name
         whole.write_bytes(content)
@@ -51,10 +51,11 @@ def encoded(table: LambdaTable, path: str | Path) -> bytes:
     Raises:
         ValueError: an ending other than .npz, .csv and .json.
     """
-    return _encoded(_fields(table), _columns(table), Path(path))
+    return encoded_fields(_fields(table), _columns(table), Path(path))
 
 
-def _encoded(fields: dict, knots: dict[str, np.ndarray], path: Path) -> bytes:
+def encoded_fields(fields: dict, knots: dict[str, np.ndarray], path: Path) -> bytes:
+    """What `write_table` writes; raises as it does for the ending."""
     make = {".npz": _npz, ".csv": _csv, ".json": _json}.get(path.suffix)
     if make is None:
         raise ValueError(f"path: got {path.name!r}, expected an ending of .npz, .csv or .json")
@@ -68,7 +69,7 @@ def load(path: str | Path) -> LambdaTable:
         TableFileError: a file that is missing, truncated, edited into nonsense, of another format or a later version.
     """
     path = Path(path)
-    read = {".npz": _from_npz, ".csv": _from_csv, ".json": _from_json}.get(path.suffix)
+    read = {**READERS, ".csv": _from_csv}.get(path.suffix)
     if read is None:
         raise TableFileError(f"{path}: got the ending {path.suffix!r}, expected .npz, .csv or .json")
     try:
@@ -87,10 +88,10 @@ def _fields(table: LambdaTable) -> dict:
     text = {name: getattr(table, name) for name in _TEXT} | {"max_slope": slope}
     numbers = dict(zip(_NUMBERS, (table.promised, table.achieved, *table.worst), strict=True))
     fields = {"format": FORMAT, **text, **numbers}
-    return {**fields, "digest": _digest(fields, _columns(table))}
+    return {**fields, "digest": digest_of(fields, _columns(table))}
 
 
-def _digest(fields: dict, columns: dict[str, np.ndarray]) -> str:
+def digest_of(fields: dict, columns: dict[str, np.ndarray]) -> str:
     """Of all that a file says: with it a file that was cut or edited is known."""
     text = [f"{name}={value if isinstance(value, str) else repr(float(value))}" for name, value in fields.items()]
     text += [f"{name}={[float(v) for v in column]}" for name, column in columns.items()]
@@ -151,6 +152,9 @@ def _from_csv(content: bytes) -> dict:
     if knots.shape != (int(fields.pop("knots")), len(_COLUMNS)):
         raise ValueError(f"got {len(knots)} knots, expected as many as the file says")
     return fields | dict(zip(_COLUMNS, knots.T, strict=True))
+
+
+READERS = {".npz": _from_npz, ".json": _from_json}  # of any table's fields; columns of csv are each table's own
 
 
 def _checked(path: Path, fields: dict) -> LambdaTable:

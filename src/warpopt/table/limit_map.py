@@ -21,7 +21,7 @@ from ..theory.camera import Camera, DirectionalLight
 from ..theory.error_norm import ErrorNorm, Metric
 from ..theory.frustum import ViewFrustum
 from ..theory.light_space import LightSpace, checked_theta
-from .files import TableFileError, _digest, _encoded, _from_json, _from_npz, write_table
+from .files import READERS, TableFileError, digest_of, encoded_fields, write_table
 
 FORMAT = "warpopt.LimitMap 2"
 _TEXT = ("norm", "measure", "version")
@@ -35,7 +35,7 @@ class LimitMap(eqx.Module):
     E_p at eye depth z and delta = (Z_w . c - start) / mu is density mu / z over the slope ds/d delta there.
 
     Attributes:
-        delta, s: (N,) knots, neither decreasing.
+        delta, s: (N,) knots; delta increases from 0 to 1, s does not decrease.
         value: the norm of the exact map, the limit. The straight pieces between the knots are within a few per cent of
             it in L-inf, and much less in L_P; of points and depth buffers, whose bins they are, they are exact.
         start, mu: of the receivers along Z_w, in world units from the eye.
@@ -78,7 +78,7 @@ class LimitMap(eqx.Module):
 
     def encoded(self, path: str | Path) -> bytes:
         """What `save` writes to the path; raises as it does for the ending."""
-        return _encoded(_fields(self), _columns(self), Path(path))
+        return encoded_fields(_fields(self), _columns(self), Path(path))
 
     @staticmethod
     def load(path: str | Path) -> "LimitMap":
@@ -88,7 +88,7 @@ class LimitMap(eqx.Module):
             TableFileError (a ValueError): a file that is missing, truncated, edited or foreign.
         """
         path = Path(path)
-        read = {".npz": _from_npz, ".csv": _from_csv, ".json": _from_json}.get(path.suffix)
+        read = {**READERS, ".csv": _from_csv}.get(path.suffix)
         if read is None:
             raise TableFileError(f"{path}: got the ending {path.suffix!r}, expected .npz, .csv or .json")
         try:
@@ -104,7 +104,7 @@ def _fields(best: LimitMap) -> dict:
     norm = {math.inf: "inf", 1.0: "l1", 2.0: "l2"}.get(best.order, repr(best.order))
     text = {"norm": norm, "measure": best.measure, "version": importlib.metadata.version("warpopt")}
     fields = {"format": FORMAT, **text, **{name: getattr(best, name) for name in _NUMBERS}}
-    return {**fields, "digest": _digest(fields, _columns(best))}
+    return {**fields, "digest": digest_of(fields, _columns(best))}
 
 
 def _columns(best: LimitMap) -> dict[str, np.ndarray]:
@@ -135,10 +135,11 @@ def _checked(path: Path, fields: dict) -> LimitMap:
         raise TableFileError(f"{path}: got a field that is no number, expected numbers") from None
     shapes = {column.shape for column in columns.values()}
     rising = len(shapes) == 1 and all(c.ndim == 1 and len(c) > 1 and (np.diff(c) >= 0).all() for c in columns.values())
+    rising = rising and (np.diff(columns["delta"]) > 0).all()
     if not rising or any((c[0], c[-1]) != (0, 1) for c in columns.values()):
         raise TableFileError(f"{path}: got knots that do not run from 0 to 1, expected delta and s that both do")
     own = {"format": FORMAT} | {name: str(fields[name]) for name in _TEXT} | numbers
-    if fields["digest"] != _digest(own, columns):
+    if fields["digest"] != digest_of(own, columns):
         raise TableFileError(f"{path}: got contents that its digest does not fit, expected a map as it was written")
     return LimitMap(**columns, **numbers, order=order, measure=measure)
 
@@ -227,10 +228,13 @@ def _check_knots(knots: int) -> None:
 
 
 def _running(length: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(delta, s) at the ends of pieces."""
+    """(delta, s) at the ends of pieces, delta rising: a piece within rounding of no length is its neighbour's."""
     delta, s = (np.concatenate([[0.0], np.minimum(np.cumsum(v) / v.sum(), 1.0)]) for v in (length, share))
     delta[-1] = s[-1] = 1.0
-    return delta, s
+    tiny = 4 * np.finfo(float).eps
+    kept = np.append((np.diff(delta) > tiny) & (delta[:-1] > tiny) & (delta[:-1] < 1 - tiny), True)
+    kept[0] = True
+    return delta[kept], s[kept]
 
 
 def _knots(space: LightSpace, norm: ErrorNorm, count: int) -> tuple[np.ndarray, np.ndarray]:
