@@ -82,6 +82,11 @@ def lam_of(rule: Callable, theta: float, **options) -> float:
     return float(rule(PAPER, theta, **options).lam)
 
 
+def scientific(value: float) -> str:
+    """One digit and an exponent; 0 as such."""
+    return f"{value:.0e}" if value else "0"
+
+
 def relative(got, expected) -> float:
     return float(np.abs(np.asarray(got) / expected - 1).max())
 

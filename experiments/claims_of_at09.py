@@ -41,6 +41,10 @@ def _e_q_order(factor: float) -> bool:
     return good
 
 
+def _words(holds: bool) -> str:
+    return "holds" if holds else "does not"
+
+
 def extrema_of_e_q() -> Claim:
     above, below = _e_q_order(3.0), _e_q_order(1 / 3)
     return Claim(
@@ -48,7 +52,7 @@ def extrema_of_e_q() -> Claim:
         "AT09 3.1",
         "E_q is largest at the lower near and least at the upper far corner, for any lambda",
         verdict(above and below, above),
-        f"lambda = 3 n a: {above}; lambda = n a / 3: {below}",
+        f"lambda = 3 n a: {_words(above)}; lambda = n a / 3: {_words(below)}",
         "theta = 45, 60, 85 deg",
         "z_w / z is a constant plus (lambda - n a) / z on both side planes: it falls with z iff lambda > n a",
     )

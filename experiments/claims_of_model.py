@@ -4,7 +4,7 @@ import itertools
 import math
 
 import numpy as np
-from claim_checks import DEGREE, EXACT, FAR, NEAR, Claim, Geometry, relative, verdict
+from claim_checks import DEGREE, EXACT, FAR, NEAR, Claim, Geometry, relative, scientific, verdict
 
 LAM, Y, Z = 7.0, 1.0, 30.0  # a point and a warp as good as any for formulas that must hold everywhere
 
@@ -51,7 +51,7 @@ def depth_range() -> Claim:
         "VN (13)",
         "mu, both branches",
         verdict(off < EXACT),
-        f"largest relative difference {off:.0e}",
+        f"largest relative difference {scientific(off)}",
         "theta = 5, 20, 35, 60, 90 deg",
     )
 
@@ -68,7 +68,7 @@ def warp_depth() -> Claim:
         "AT09 appendix, VN 1.6",
         "z_w = (z + G) sin(theta), both branches of G",
         verdict(off < EXACT),
-        f"largest relative difference {off:.0e}",
+        f"largest relative difference {scientific(off)}",
         "theta = 5, 20, 35, 60, 90 deg, lambda = 7, over V",
     )
 
@@ -83,7 +83,7 @@ def local_representation() -> Claim:
         "AT09 (8), (9)",
         "E_q and E_p on the view axis for a light overhead",
         verdict(off < EXACT),
-        f"largest relative difference {off:.0e}",
+        f"largest relative difference {scientific(off)}",
         "theta = 90 deg, lambda = 7",
     )
 
@@ -121,7 +121,7 @@ def width_below() -> Claim:
         "AT09 appendix, VN 1.6",
         "tan(phi_w) = f tan(phi) / lambda for theta <= phi",
         verdict(off < EXACT),
-        f"largest relative difference {off:.0e}",
+        f"largest relative difference {scientific(off)}",
         "theta = 5, 20, 30 deg; lambda = 0.3, 5, 50",
     )
 

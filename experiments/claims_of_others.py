@@ -100,7 +100,7 @@ def storage_factor() -> Claim:
         "the storage factor is constant for n between z_n and n_opt",
         verdict(all(constant.values()), constant[90] and abs(value / closed - 1) < EXACT),
         f"2 (f - n) / (n tan(phi)) = {value:.1f} at 90; it varies by "
-        + ", ".join(f"{100 * v:.2g} % at {d}" for d, v in spread.items()),
+        + ", ".join(f"{100 * v:.0f} % at {d}" for d, v in spread.items()),
         "max E_p max E_q over V, lambda from n a to the optimum",
         "overhead, max E_p = E_p(f) ~ (lambda + mu) / lambda and max E_q = E_q(n) ~ its inverse; elsewhere z_w of "
         "the lower near corner is not lambda",

@@ -4,7 +4,21 @@ import itertools
 import math
 
 import numpy as np
-from claim_checks import DEGREE, EXACT, FAR, NEAR, PAPER, PHI, Claim, Geometry, lam_of, optimum, relative, verdict
+from claim_checks import (
+    DEGREE,
+    EXACT,
+    FAR,
+    NEAR,
+    PAPER,
+    PHI,
+    Claim,
+    Geometry,
+    lam_of,
+    optimum,
+    relative,
+    scientific,
+    verdict,
+)  # fmt: skip
 
 import warpopt
 from warpopt import rules
@@ -120,7 +134,7 @@ def tsm_above() -> Claim:
         "VN (16), theta >= phi",
         "the lambda printed maps the focus point to s = xi",
         verdict(abs(off) < EXACT),
-        f"s = xi {off:+.3f}; corrected, xi {right:+.0e}",
+        f"s = xi {off:+.3f}; corrected, xi {scientific(right)}",
         "theta = 60 deg, kappa = 0.5, xi = 0.8",
         "s(z_kappa) = xi gives tan(phi) / tan(theta), printed upside down, and no second mu",
     )
@@ -254,7 +268,7 @@ def only_the_ratio_counts() -> Claim:
         "VN 2",
         "lambda / mu depends on f/n alone, for given angles",
         verdict(off < EXACT),
-        f"relative difference {off:.0e}",
+        f"relative difference {scientific(off)}",
         "theta = 1; n = 1 and 0.02; LiSPSM, TSM, Scherzer",
     )
 
@@ -269,7 +283,7 @@ def minimum_norm_is_equal() -> Claim:
         "ZSZW08, which AT09 cites",
         "one lambda makes E_p equal at both ends of the view axis for any theta",
         verdict(off < EXACT),
-        f"relative difference {off:.0e}",
+        f"relative difference {scientific(off)}",
         "lambda = d0 + sin(theta) sqrt(n f), theta = 31, 60, 90 deg",
     )
 

@@ -34,6 +34,7 @@ def compare(ratio: float, phi_deg: float, kappa: float = 0.5, xi: float = 0.8, c
         of = {name: np.asarray(warpopt.error_norm(frustum, theta, warp, metric)) / best for name, warp in warps.items()}
         none = np.asarray(warpopt.error_norm(frustum, theta, warpopt.rules.ssm(frustum, theta), metric)) / best
         row[metric] = {
+            "over limit": float((best / warpopt.limit(frustum, theta)).max()) if metric == "p" else None,
             "alternative better": ranges(degrees, of["alternative"] < of["tsm"] * (1 - 1e-12)),
             "tsm better": ranges(degrees, of["tsm"] < of["alternative"] * (1 - 1e-12)),
             "worst": {name: float(values.max()) for name, values in (of | {"no warp": none}).items()},
@@ -59,9 +60,11 @@ def table(rows: list[dict]) -> str:
             one = row[metric]
             ranges_of = (row["alternative: no warp"], one["alternative better"], one["tsm better"])
             worst = (one["worst"][name] for name in ("tsm", "alternative", "no warp"))
-            cells.append([f"{row['f/n']:g}", f"{row['phi']:g}", f"E_{metric}", *map(words, ranges_of), *worst])
+            start = (f"{row['f/n']:g}", f"{row['phi']:g}", f"E_{metric}")
+            cells.append([*start, *map(words, ranges_of), *worst, one["over limit"] or "not known"])
     always = all(not row["tsm: no warp"] and not row["tsm: undefined"] for row in rows)
-    text = markdown_table((*heads, "worst over the optimum's: TSM", "alternative", "no warp"), cells)
+    heads = (*heads, "worst over the optimum's: TSM", "alternative", "no warp", "the optimum's worst over the limit")
+    text = markdown_table(heads, cells)
     return f"{text}\n\nAngles in degrees, L-inf over V. " + (
         "TSM's first rule warps everywhere here, at theta = 0 too, where no warp is the best."
         if always

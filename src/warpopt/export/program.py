@@ -56,9 +56,9 @@ HOW_TO = (
     "",
     "To warp: d in [0, mu] is the depth along the view made perpendicular to the light, x lies across it.",
     "With delta = d/mu and A = (1 - delta) eta + delta the shadow map has s = delta/A and t = 1/2 + x/(2 xmax A),",
-    "xmax the largest |x|/A of the frustum's corners. As a matrix: w = A, row s = delta, row t = x/(2 xmax) + A/2.",
-    "Or: a perspective frustum along that direction whose apex lies lambda = mu eta/(1 - eta) before the body and",
-    "that reaches from lambda to lambda + mu.",
+    "xmax the largest |x|/A of the frustum's corners. As a matrix: w = A, row s = delta, row t = x/(2 xmax) + A/2,",
+    "depth row a h + b A with h the depth along the light, a > 0 and b such that (a h + b A)/A fills your depth range.",
+    "Or: a perspective frustum along d, apex lambda = mu eta/(1 - eta) before the body, from lambda to lambda + mu.",
     "",
 )
 

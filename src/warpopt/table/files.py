@@ -144,7 +144,7 @@ def _from_json(content: bytes) -> dict:
 
 
 def _from_csv(content: bytes) -> dict:
-    rows = list(csv.reader(io.StringIO(content.decode(), newline="")))
+    rows = [row for row in csv.reader(io.StringIO(content.decode("utf-8-sig"), newline="")) if row]
     fields: dict = {row[0][2:]: row[1] for row in rows if row and row[0].startswith("# ")}
     fields |= {name: float(fields[name]) for name in _NUMBERS if name in fields}
     start = rows.index(list(_COLUMNS)) + 1
