@@ -18,6 +18,7 @@ class Language:
         literal: the ending of a number in single precision.
         math: a mathematical function's name to its spelling.
         declare: ("int" or "float", name) to a local variable's declaration.
+        one: the beginning of a truth value's conversion to 0 or 1.
     """
 
     name: str
@@ -30,11 +31,13 @@ class Language:
     literal: str = ""
     math: Callable[[str], str] = lambda name: name
     declare: Callable[[str, str], str] = lambda kind, name: f"{kind} {name}"
+    one: str = "int("
 
     def body(self, text: str, prefix: str) -> str:
         """A function's body from the neutral form, indented."""
         text = spelt_names(text.strip("\n"), prefix)
         text = re.sub(r"\b(exp|log|sqrt|abs|sin|cos|tan)\(", lambda m: f"{self.math(m[1])}(", text)
+        text = re.sub(r"\bone\(", self.one, text)
         text = re.sub(r"(\d)f\b", rf"\g<1>{self.literal}", text)
         text = re.sub(r"\b(float|int) (\w+)(?= =)", lambda m: self.declare(m[1], m[2]), text)
         return "".join(f"    {line}\n" for line in text.split("\n"))
@@ -82,7 +85,7 @@ C = Language(
     "C99", ".h",
     lambda prefix: f"#ifndef {prefix}_H\n#define {prefix}_H\n\n#include <math.h>\n", lambda prefix: "\n#endif\n",
     _braces("static const float"), lambda name, kind, value: f"#define {name} {value}", _c_function, "f",
-    lambda name: {"abs": "fabsf"}.get(name, f"{name}f"),
+    lambda name: {"abs": "fabsf"}.get(name, f"{name}f"), one="(int)(",
 )  # fmt: skip
 CPP = Language(
     "C++17", ".hpp",
@@ -111,7 +114,7 @@ WGSL = Language(
     # Not `const`: compilers older than 2024-09 index no constant by a variable (gfx-rs/wgpu, pull request 6188).
     lambda name, values: f"var<private> {name} = array<f32, {len(values)}>(\n    {_lines(values)}\n);\n",
     lambda name, kind, value: f"const {name}: {_WGSL_TYPE[kind]} = {value};", _wgsl_function,
-    declare=lambda kind, name: f"var {name}: {_WGSL_TYPE[kind]}",
+    declare=lambda kind, name: f"var {name}: {_WGSL_TYPE[kind]}", one="i32(",
 )  # fmt: skip
 
 LANGUAGES = {"c": (C,), "cpp": (CPP,), "glsl": (GLSL_330, GLSL_450), "hlsl": (HLSL,), "wgsl": (WGSL,)}

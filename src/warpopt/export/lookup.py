@@ -27,7 +27,7 @@ if (across > 1.0f) { across = 1.0f; }
 """
 _KNOT = """
 if (i + {step} < $KNOTS - 1) {{
-{at}    if (x > here) {{ i = i + {step}; }}
+{at}    i = i + {step} * one(x > here);
 }}
 """
 _SHARES = {"ratio": "along", "fov": "across"}

@@ -2,7 +2,7 @@
 
 The neutral form is C's expressions and statements, kept to what C, C++, GLSL, HLSL and WGSL share: no ternary, no
 assignment to a parameter, braces everywhere, locals declared as `float x = ...;` or `int i = ...;`, literals with f,
-`exp log sqrt abs sin cos tan`, and `$name` for a name that the file defines.
+`exp log sqrt abs sin cos tan`, `one(x > y)` for 1 where that holds and else 0, and `$name` for what the file defines.
 """
 
 import dataclasses
