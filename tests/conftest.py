@@ -30,7 +30,11 @@ jax.config.update("jax_enable_x64", True)
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """With -n, whole files to a worker unless --dist says otherwise: what one test compiles, the next one has."""
+    """With -n, whole files to a worker unless --dist says otherwise: what one test compiles, the next one has.
+
+    In their own order, at whose end are the many short ones of src: both workers finish at about the same time.
+    """
     from xdist.scheduler import LoadFileScheduling
 
+    config.option.loadscopereorder = False
     return LoadFileScheduling(config, log) if config.getoption("dist") == "load" else None
