@@ -11,12 +11,12 @@ import warpopt
 from ..theory.error_norm import ErrorNorm
 from ..theory.frustum import ViewFrustum
 from .greedy import Grid
-from .joint import fewest_rows
+from .joint import Fit, fewest_rows
 from .lambda_table import LambdaTable
 from .landmarks import landmarks, with_axes
 from .look_up import Rows
 from .polyline import fewest_knots
-from .samples import Samples
+from .samples import Samples, evenly
 from .slope import least_of_all, least_regret
 from .tube import Objective, tube
 from .verify import Ranges, verify
@@ -157,18 +157,17 @@ def _one_axis(ranges: Ranges, objective: Objective, promise: float, max_slope: f
     by_ratio = ranges.depth_ratio[0] < ranges.depth_ratio[1]
     axis, place = ("depth_ratio", _ratios(ranges)) if by_ratio else ("half_fov", _fovs(ranges))
     frusta = ranges.frusta(**{axis: place})
-    fixed = {name: np.array(getattr(ranges, name)[:1]) for name in ("depth_ratio", "half_fov") if name != axis}
+    other = (ranges.half_fov if by_ratio else ranges.depth_ratio)[0]
     share = _SHARE
     if max_slope < math.inf:
-        some = np.unique(np.linspace(0, len(place) - 1, _JUDGED).round().astype(int))
-        each = (jax.tree.map(lambda v, k=k: v[k], frusta) for k in some)
+        each = (jax.tree.map(lambda v, k=k: v[k], frusta) for k in evenly(len(place), _JUDGED))
         promise = max(promise, _ALLOWED * max(least_of_all(ranges, objective, max_slope, one) for one in each))
     while True:
         samples = Samples(frusta, objective, ranges.theta, share * promise, max_slope)
         smallest = None
         for tried, knots in enumerate(samples.finer(_DEEP if max_slope == math.inf else 0.0, _MOST_KNOTS), 1):
             dense = samples.at_knots(knots)
-            rows = fewest_rows(dense, axis, place, knots, _best_heights(dense, knots), smallest)
+            rows = fewest_rows(Fit(dense, axis, place, other), knots, _best_heights(dense, knots), smallest)
             if rows is None and (smallest is not None or tried == _TRIES):
                 break
             smallest = rows
@@ -176,7 +175,7 @@ def _one_axis(ranges: Ranges, objective: Objective, promise: float, max_slope: f
             raise RuntimeError(
                 "got a promise for a range that takes more than 64 rows of a table: make the range narrower"
             )
-        yield smallest._replace(**fixed), promise
+        yield smallest, promise
         share *= 0.98
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from .look_up import Rows, look_up
-from .samples import Samples
+from .samples import Samples, evenly
 from .tube import Tube
 
 _FOR_ONE_AXIS = 0.4  # depth in the tube that rows of the field of view leave to those of far/near
@@ -37,7 +37,7 @@ class Grid:
 
     def chosen(self) -> tuple[np.ndarray, np.ndarray]:
         """Which far/near and which fields of view are rows: first the latter, at a few of the former."""
-        few = np.unique(np.linspace(0, len(self.axes[0]) - 1, 7).round().astype(int))
+        few = evenly(len(self.axes[0]), 7)
 
         def between_fovs(k: int, m: int) -> bool:
             between = slice(k, m + 1)

@@ -8,7 +8,7 @@ import scipy.sparse
 
 from .heights import inside, slope_limits
 from .look_up import Rows, between_fovs, between_ratios, look_up, on_piece
-from .samples import Samples
+from .samples import Samples, evenly
 from .tube import Tube
 
 _STEP = 0.5  # largest relative change of a height in a linear program
@@ -20,30 +20,25 @@ _MOST_ROWS = 64
 _MORE, _FEWER = 12, 4  # moves of rows that may fail: at first, and with fewer than are known to keep to the tube
 
 
-def fewest_rows(
-    samples: Samples, axis: str, place: np.ndarray, knots: np.ndarray, heights: np.ndarray, larger: Rows | None = None
-) -> Rows | None:
+def fewest_rows(fit: "Fit", knots: np.ndarray, heights: np.ndarray, larger: Rows | None = None) -> Rows | None:
     """A table with as few rows as keep to the tube, at most 64, and smaller than a given one; None where none is found.
 
     What an interval between rows lacks (1 - depth) goes with the square of its length, so that its root is a density
     of rows: by it rows are moved until all intervals are alike, and their number is foretold.
 
     Args:
-        samples: of candidate rows.
-        axis: "depth_ratio" or "half_fov": what varies from row to row.
-        place: (G,) the candidates' values of it, increasing.
+        fit: of heights, at some of G candidate rows.
         knots, heights: (G, N) of the candidates; rows have their knots, and begin with their heights.
         larger: a table that keeps to the tube, whose places to begin with.
     """
-    fit = Fit(samples, axis, place)
-    kept, left, slack = None, _MORE, 0.1
-    most = None if larger is None else (larger.size - 1) // (1 + 2 * knots.shape[1])
-    if most is None:
-        which = np.linspace(0, len(place) - 1, max(3, len(place) // 8)).round().astype(int)
+    place, kept, slack = fit.place, None, 0.1
+    if larger is None:
+        which, left = evenly(len(place), max(3, len(place) // 8)), _MORE
     else:
-        which, left = np.searchsorted(place, getattr(larger, axis)), _FEWER
+        most = (larger.size - 1) // (1 + 2 * knots.shape[1])
         if most < 2:
             return None
+        which, left = np.searchsorted(place, getattr(larger, fit.axis)), _FEWER
         which = _moved(np.log(place), which, np.ones(len(which) - 1), most)
     while left:
         rows, depths = fit(place[which], knots[which], heights[which])
@@ -54,10 +49,9 @@ def fewest_rows(
             count = min(len(which) - 1, needed)
         else:
             left -= 1
-            count = len(which) if kept or most else max(len(which), needed)
-            left = left if count <= _MOST_ROWS else 0
+            count = len(which) if kept or larger else max(len(which), needed)
             slack += 0.01
-        if count < 2:
+        if not 2 <= count <= _MOST_ROWS:
             break
         moved = _moved(np.log(place), which, lack, count)
         if np.array_equal(moved, which):
@@ -80,12 +74,15 @@ class Fit:
     The sum over intervals of the depth (`Tube.depth`, up to 0.9) of its shallowest sample is largest.
 
     Args:
-        samples, axis, place: as of `fewest_rows`.
+        samples: of candidate rows.
+        axis: "depth_ratio" or "half_fov": what varies from row to row.
+        place: (G,) the candidates' values of it, increasing.
+        other: the one value of the other.
     """
 
-    def __init__(self, samples: Samples, axis: str, place: np.ndarray):
+    def __init__(self, samples: Samples, axis: str, place: np.ndarray, other: float):
         self.theta, self.tube = samples.theta, Tube(*(v.ravel() for v in samples.tube))
-        self.place, self.by_ratio = place, axis == "depth_ratio"
+        self.axis, self.place, self.other, self.by_ratio = axis, place, np.array([other]), axis == "depth_ratio"
         self.max_slope = samples.max_slope
 
     def __call__(self, along: np.ndarray, knots: np.ndarray, heights: np.ndarray) -> tuple[Rows, np.ndarray]:
@@ -131,7 +128,7 @@ class Fit:
         return rows, depths
 
     def _rows(self, along: np.ndarray, knots: np.ndarray, heights: np.ndarray) -> Rows:
-        axes, shape = ((along, np.ones(1)), (-1, 1)) if self.by_ratio else ((np.ones(1), along), (1, -1))
+        axes, shape = ((along, self.other), (-1, 1)) if self.by_ratio else ((self.other, along), (1, -1))
         return Rows(*axes, *(v.reshape(*shape, v.shape[-1]) for v in (knots, heights)))
 
     def _deep(self, rows: Rows) -> np.ndarray:

@@ -91,7 +91,7 @@ class Samples:
             RuntimeError: when there are no more than `most` left.
         """
         pieces = self.pieces.copy()
-        some = np.unique(np.linspace(0, len(self.theta) - 1, 24).round().astype(int))
+        some = evenly(len(self.theta), 24)
 
         def depth(pieces: np.ndarray, among: np.ndarray) -> np.ndarray:
             return self.heights(self.knots(pieces), among)[1]
@@ -104,6 +104,11 @@ class Samples:
             trials = pieces + np.eye(len(pieces), dtype=int)
             pieces = trials[int(np.argmax([depth(trial, worst)[0] for trial in trials]))]
         raise RuntimeError(f"got {most} knots a row that do not yet keep the promise")
+
+
+def evenly(count: int, number: int) -> np.ndarray:
+    """So many of 0 to count - 1, or all, both ends among them."""
+    return np.unique(np.linspace(0, count - 1, number).round().astype(int))
 
 
 def _density_mass(theta: np.ndarray, eta: np.ndarray, width: np.ndarray) -> np.ndarray:
