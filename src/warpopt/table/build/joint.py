@@ -7,7 +7,7 @@ import scipy.optimize
 import scipy.sparse
 
 from .heights import inside, slope_limits
-from .look_up import Rows, between_fovs, between_ratios, look_up, on_piece
+from ..lookup import Rows, between_fovs, between_ratios, lookup, on_piece
 from .samples import Samples, evenly
 from .tube import Tube
 
@@ -133,7 +133,7 @@ class Fit:
 
     def _deep(self, rows: Rows) -> np.ndarray:
         place = self.place[:, None]
-        return self.tube.depth(look_up(self.theta, place, place, rows, np).ravel())
+        return self.tube.depth(lookup(self.theta, place, place, rows, np).ravel())
 
     def _linearised(self, row, t, knots, heights) -> tuple[scipy.sparse.csr_matrix, np.ndarray]:
         """(slope by relative changes of the heights, value) of a look-up at the samples."""

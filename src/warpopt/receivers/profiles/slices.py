@@ -1,41 +1,66 @@
-"""The limit of E_p in L_P over bodies, whose density over the depth along Z_w is integrated slice by slice.
+"""Solid bodies by their depth along Z_w for L_P norms of E_p: their density is integrated slice by slice.
 
 At one depth a convex body is a polygon in the plane of X_w and the light. Its corners run along the body's edges, in
 proportion to depth between those of two vertices, and so does each stretch between two of them along the light have a
 width linear in it: W, the integral of z^-(P + m), is a sum of integrals of smooth functions there, and analytic in
-depth between vertices. All terms are positive. See `limit` for what W is for.
+depth between vertices. All terms are positive. See `warpopt.bound.frustum` for what W is for.
 """
 
 import functools
 import math
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 from numpy.typing import NDArray
 
-from .._numerics import power
-from ..receivers.convex_body import ConvexBody, thickened, vertices_of
-from ..receivers.depth_histogram import DepthHistogram
-from ..receivers.footprint import range_of
-from ..receivers.groups import ends
-from ..receivers.view_frustum import WholeFrustum
-from ..receivers.whole_frustum import unit_nodes
-from ..theory.camera import Camera
-from ..theory.error_norm import DENSITY_EXPONENT
-from ..theory.light_frame import LightFrame
+from ..._numerics import power, unit_nodes
+from ...theory.camera import Camera
+from ...theory.light_frame import LightFrame
+from ..bins import ends
+from ..footprint import range_of
+from ..polytope import thickened, vertices_of
+from .profile import NOTHING, Stretches
 
-# (bins of depth up to which, nodes along Z_w for each stretch, Gauss nodes for each part of a slice).
+# (slabs up to which, nodes along Z_w for each stretch, Gauss nodes for each part of a slice).
 # Found for P = 1 to 3 and five lights: one body to 1e-12 for f/n up to 1e4, 2e-8 for 1e12; a histogram to 1e-8 where
 # no bin spans a depth ratio above 100, 3e-6 above (tests/test_limit.py).
 _NODES = ((1, 96, 20), (16, 48, 12), (64, 24, 8), (math.inf, 16, 6))
 _REACH = 3.5  # of the double exponential nodes: the first is 3e-23 of a stretch from its end
 
 
+class Solid(eqx.Module):
+    """A convex body in eye coordinates with a density z^-m, which may differ from slab to slab of eye depth.
+
+    Attributes:
+        planes: (K, 4) half-spaces normal . c + offset >= 0.
+        between: (N - 1,) eye depths between slabs.
+        weights: (N,) of the slabs.
+        exponent: m.
+    """
+
+    planes: Float[Array, "K 4"]
+    between: Float[Array, " B"]
+    weights: Float[Array, " N"]
+    exponent: float = eqx.field(static=True)
+
+    @classmethod
+    def uniform(cls, planes: Float[Array, "K 4"], exponent: float) -> "Solid":
+        """Of one slab."""
+        return cls(planes, jnp.zeros(0, planes.dtype), jnp.ones(1, planes.dtype), exponent)
+
+
+def sliced_stretches(camera: Camera, frame: LightFrame, solid: Solid, order: float, parts: int) -> Stretches:
+    """The best map of E_p in L_order, each stretch between two vertices in straight `parts`."""
+    *stretches, value = body_shares(camera, frame, solid, order)
+    return Stretches(*_joined(*stretches, parts), float(value)) if value > 0 else NOTHING
+
+
 @functools.partial(jax.jit, static_argnames=("order",))
 def body_shares(
-    camera: Camera, frame: LightFrame, receivers: ConvexBody | DepthHistogram | WholeFrustum, order: float
+    camera: Camera, frame: LightFrame, solid: Solid, order: float
 ) -> tuple[Float[Array, " S"], Float[Array, " S"], Float[Array, "S N"], Float[Array, ""]]:
     """(where stretches of depth begin, their lengths, each node's part of the integral of W^(1/(P+1)), the limit).
 
@@ -43,7 +68,7 @@ def body_shares(
     some of no length. The limit is in `scene_limit`'s units, 0 for no receivers or one depth, in either dtype.
     Derivatives are finite, and right but where the depths of two corners tie, a kink.
     """
-    planes, edges, weights, exponent = _solid(camera, receivers)
+    planes, between, weights, exponent = solid.planes, solid.between, solid.weights, solid.exponent
     vertices, valid = vertices_of(planes)
     depths = vertices @ frame.z_axis
     _, flat = range_of(*ends(valid, depths), jnp.abs(jnp.where(valid, depths, 0)).max())
@@ -55,7 +80,7 @@ def body_shares(
     body_edges = jnp.stack(jnp.split(vertices / unit @ axes[1:].T, 2), 1)  # of the edges: (edges, 2, (l . c, Z_w . c))
     depths = jnp.where(valid, vertices @ frame.z_axis / unit, -jnp.inf)
     # A slab's corners are on the frustum's edges.
-    inner = jnp.outer(edges, camera.corner_slopes() @ frame.z_axis).ravel() / unit
+    inner = jnp.outer(between, camera.corner_slopes() @ frame.z_axis).ravel() / unit
     depths = jnp.sort(jnp.concatenate([jnp.where(valid, depths, depths.max()), inner]))
     depths = jnp.where(valid.any(), depths, 0)
     count = 2 * len(planes) - 5 + len(inner)  # the longest are all: the rest is rounding between equals
@@ -63,13 +88,13 @@ def body_shares(
     starts = depths[where]
     nodes, parts = next((n, p) for most, n, p in _NODES if len(weights) <= most)
     share, weight, _ = (v.astype(depths.dtype) for v in depth_cells(nodes))
-    bins = edges / unit, weights
+    slabs = between / unit, weights
     slices = functools.partial(
         _slice,
         planes,
         body_edges,
         valid[: len(body_edges)],
-        bins,
+        slabs,
         frame=frame,
         powers=(order + exponent, exponent),
         count=parts,
@@ -85,7 +110,7 @@ def body_shares(
     return starts * unit, lengths * unit, shares, value
 
 
-def cells(starts: Array, lengths: Array, shares: Array, parts: int) -> tuple[NDArray, NDArray]:
+def _joined(starts: Array, lengths: Array, shares: Array, parts: int) -> tuple[NDArray, NDArray]:
     """(ends (N + 1,), shares (N,)) of a map in straight pieces: `parts` for each stretch, where it turns and is long.
 
     Even in the sum of depth and map, each from 0 to 1.
@@ -117,21 +142,8 @@ def depth_cells(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return share, weight, cells
 
 
-def _solid(camera: Camera, receivers) -> tuple[Array, Array, Array, float]:
-    """(half-spaces (K, 4), eye depths between bins, each bin's weight, m of the measure)."""
-    if isinstance(receivers, DepthHistogram):
-        whole = receivers.edges.astype(camera.near.dtype)
-        edges = jnp.clip(whole, camera.near, camera.far)
-        weights = receivers.counts.astype(edges.dtype) / jnp.diff(whole)  # what is cut off takes its share
-        weights = jnp.where(edges[1:] > edges[:-1], weights, 0)
-        planes = camera.planes().at[4:, 3].set(jnp.stack([-edges[0], edges[-1]]))
-        return planes, edges[1:-1], weights, DENSITY_EXPONENT["screen"]
-    planes = receivers.with_frustum(camera) if isinstance(receivers, ConvexBody) else camera.planes()
-    return planes, jnp.zeros(0, planes.dtype), jnp.ones(1, planes.dtype), DENSITY_EXPONENT[receivers.measure]
-
-
 def _slice(
-    planes: Float[Array, "K 4"], ends: Float[Array, "E 2 2"], valid: Bool[Array, " E"], bins: tuple[Array, Array],
+    planes: Float[Array, "K 4"], ends: Float[Array, "E 2 2"], valid: Bool[Array, " E"], slabs: tuple[Array, Array],
     depth: Array, *, frame: LightFrame, powers: tuple[float, ...], count: int,
 ) -> list[Array]:  # fmt: skip
     """The integrals of z^-power over the polygon at one depth; planes and edges along (X_w, l, Z_w)."""
@@ -142,7 +154,7 @@ def _slice(
     least, largest = (jnp.where(there, v, 0) for v in (
         jnp.where(crossing, h, jnp.inf).min(), jnp.where(crossing, h, -jnp.inf).max()
     ))  # fmt: skip
-    (x_lean, h_lean, d_lean), (between, weights) = jnp.stack([frame.x_axis, frame.light, frame.z_axis])[:, 2], bins
+    (x_lean, h_lean, d_lean), (between, weights) = jnp.stack([frame.x_axis, frame.light, frame.z_axis])[:, 2], slabs
     # under a light overhead a slice is at one eye depth, and so in one bin
     leans = jnp.abs(h_lean) > jnp.finfo(h.dtype).tiny
     cuts = jnp.where(leans, (between - depth * d_lean) / jnp.where(leans, h_lean, 1), least)

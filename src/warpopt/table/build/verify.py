@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..theory.frustum import ViewFrustum
-from .look_up import Rows, look_up
-from .tube import Objective, regret
+from ...theory.view_frustum import ViewFrustum
+from ..lookup import Rows, lookup
+from ...objective import Objective
+from .tube import regret
 
 _POINTS = 20_000  # directions of a single row; eight times as many points of a table of several
 _STARTS, _LOCAL, _ROUNDS = 16, 64, 14  # of the search around the worst
@@ -56,7 +57,7 @@ def verify(
         theta, log_ratio, half_fov = np.clip(points, low, high).T
         depth_ratio = np.exp(log_ratio).astype(np.float32).astype(float)
         given = (v.astype(dtype) for v in (theta, depth_ratio, half_fov))
-        eta = look_up(*given, rows, np).astype(float)
+        eta = lookup(*given, rows, np).astype(float)
         # A single frustum's integrals are computed once.
         frusta = ranges.frusta() if ranges.single else ranges.frusta(depth_ratio, half_fov)
         return np.asarray(regret(frusta, theta, eta, objective))

@@ -9,20 +9,11 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from ..solve.optimal_warp import error_norm, optimal_warp
-from ..theory.error_norm import Metric
-from ..theory.frustum import ViewFrustum
-from ..theory.warp import Warp
+from ...objective import Objective
+from ...solve.frusta import Method, norms_of_eta, solve_frusta
+from ...theory.view_frustum import ViewFrustum
 
 _STEPS = 56  # bisections: a bracket of width 16 in log(eta) to the last bit
-
-
-class Objective(NamedTuple):
-    """What a table is optimal for."""
-
-    metric: str | Metric
-    norm: str | float
-    measure: str
 
 
 class Tube(NamedTuple):
@@ -54,8 +45,9 @@ class Tube(NamedTuple):
 @functools.partial(jax.jit, static_argnames="objective")
 def regret(frustum: ViewFrustum, theta: ArrayLike, eta: ArrayLike, objective: Objective) -> Float[Array, "..."]:
     """value/minimum - 1 of min(1, eta)."""
-    best = optimal_warp(frustum, theta, *objective, throw=False).value
-    return error_norm(frustum, theta, _warp(jnp.asarray(eta, best.dtype)), *objective) / best - 1
+    theta, eta = jnp.asarray(theta), jnp.where(jnp.asarray(eta) < 1, eta, 1)
+    best = solve_frusta(frustum, theta, objective, Method()).value
+    return norms_of_eta(frustum, theta, eta, objective) / best - 1
 
 
 def tube(frustum: ViewFrustum, theta: ArrayLike, objective: Objective, max_regret: float) -> Tube:
@@ -68,12 +60,12 @@ def tube(frustum: ViewFrustum, theta: ArrayLike, objective: Objective, max_regre
 
 @functools.partial(jax.jit, static_argnames="objective")
 def _tube(frustum: ViewFrustum, theta: ArrayLike, objective: Objective, max_regret: ArrayLike) -> tuple:
-    solution = optimal_warp(frustum, theta, *objective, throw=False)
+    theta = jnp.asarray(theta)
+    solution = solve_frusta(frustum, theta, objective, Method())
     best = jnp.log(solution.warp.eta)
 
     def keeps(log_eta: Array) -> Array:
-        value = error_norm(frustum, theta, _warp(jnp.exp(log_eta)), *objective)
-        return value <= solution.value * (1 + max_regret)
+        return norms_of_eta(frustum, theta, jnp.exp(log_eta), objective) <= solution.value * (1 + max_regret)
 
     def edge(outside: Array) -> Array:
         def halve(_, ends):
@@ -87,8 +79,3 @@ def _tube(frustum: ViewFrustum, theta: ArrayLike, objective: Objective, max_regr
     open_end = keeps(jnp.zeros_like(best))
     upper = jnp.where(open_end, jnp.inf, jnp.exp(edge(jnp.zeros_like(best))))
     return solution.warp.eta, jnp.exp(edge(best - 16)), upper
-
-
-def _warp(eta: Array) -> Warp:
-    eta = jnp.where(eta < 1, eta, 1)
-    return Warp(eta, 1 - eta, jnp.ones_like(eta), jnp.ones((), bool))

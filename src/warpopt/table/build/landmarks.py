@@ -3,10 +3,11 @@
 import jax
 import numpy as np
 
-from ..solve.optimal_warp import optimal_warp
-from ..theory.frustum import ViewFrustum
+from ...solve.optimal_warp import optimal_warp
+from ...theory.view_frustum import ViewFrustum
+from ...views import FrustumView
 from .bisection import bisected
-from .tube import Objective
+from ...objective import Objective
 
 _GRID = 1024  # directions, one of which must lie in each zone
 
@@ -45,4 +46,4 @@ def with_axes(frusta: ViewFrustum, count: int) -> ViewFrustum:
 
 
 def _outcome(frusta: ViewFrustum, theta: np.ndarray, objective: Objective) -> np.ndarray:
-    return np.asarray(optimal_warp(frusta, theta, *objective, throw=False).result)
+    return np.asarray(optimal_warp(FrustumView(frusta, theta), objective, throw=False).result)

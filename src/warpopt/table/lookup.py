@@ -27,7 +27,7 @@ class Rows(NamedTuple):
         return axes + self.theta.size + self.eta.size
 
 
-def look_up(theta, depth_ratio, half_fov, rows: Rows, xp):
+def lookup(theta, depth_ratio, half_fov, rows: Rows, xp):
     """eta in (0, 1].
 
     Between rows the knots move, linearly in the field of view and nearly so in log(far/near) (`between_ratios`), so

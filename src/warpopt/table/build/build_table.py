@@ -1,24 +1,24 @@
 """Tables built to a promise: few knots whose regret stays below it everywhere."""
 
+import importlib.metadata
 import math
 from collections.abc import Generator
 
 import jax
 import numpy as np
 
-import warpopt
-
-from ..theory.error_norm import ErrorNorm
-from ..theory.frustum import ViewFrustum
+from ..._checks import instance
+from ...objective import Objective, objective_or_default
+from ...theory.view_frustum import ViewFrustum
 from .greedy import Grid
 from .joint import Fit, fewest_rows
-from .lambda_table import LambdaTable
+from ..lambda_table import LambdaTable
 from .landmarks import landmarks, with_axes
-from .look_up import Rows
+from ..lookup import Rows
 from .polyline import fewest_knots
 from .samples import Samples, evenly
 from .slope import least_of_all, least_regret
-from .tube import Objective, tube
+from .tube import tube
 from .verify import Ranges, verify
 
 _DIRECTIONS = 400  # at which a knot of a single row may stand, before refinement
@@ -36,9 +36,7 @@ _NO_WARP = 2.0  # height of a knot in the open, where no warp keeps the promise
 
 def build_table(
     frustum: ViewFrustum,
-    metric: str = "p",
-    norm: str | float = "inf",
-    measure: str = "screen",
+    objective: Objective | None = None,
     *,
     max_regret: float = 1e-3,
     theta_range: tuple[float, float] = (0.0, math.pi / 2),
@@ -56,8 +54,7 @@ def build_table(
 
     Args:
         frustum: one frustum; only its shape (far/near, half_fov) matters, and that only for what has no range.
-        metric: "p", "q" or "pxq".
-        norm, measure: as in `optimal_warp`.
+        objective: of metric "p", "q" or "pxq"; E_p in L-inf if None.
         max_regret: > 0.
         theta_range: first and last direction, radians, within [0, pi/2].
         depth_ratio_range: smallest and largest far/near, > 1, for a table over it.
@@ -79,8 +76,9 @@ def build_table(
         True
     """
     ranges = _ranges(frustum, theta_range, depth_ratio_range, half_fov_range)
-    if not isinstance(metric, str):
-        raise ValueError(f"metric: got {metric!r}, expected 'p', 'q' or 'pxq'")
+    objective = objective_or_default(objective)
+    if objective.name not in ("p", "q", "pxq"):
+        raise ValueError(f"metric: got {objective.name!r}, expected 'p', 'q' or 'pxq'")
     if not (isinstance(max_regret, int | float) and 0 < max_regret < math.inf):
         raise ValueError(f"max_regret: got {max_regret!r}, expected a finite number > 0")
     if max_slope is not None and not (isinstance(max_slope, int | float) and 0 < max_slope < math.inf):
@@ -90,8 +88,6 @@ def build_table(
         raise ValueError(
             "max_slope: got one with ranges of far/near and of the field of view, expected one range at most"
         )
-    error_norm = ErrorNorm.of(metric, norm, measure)
-    objective = Objective(metric, error_norm.order, measure)
     if max_slope is not None and axes == 0:
         attempts = _bounded(ranges, objective, max_slope, _SHARE * float(max_regret))
     elif axes == 1:
@@ -105,17 +101,17 @@ def build_table(
         rows = Rows(ratios, fovs, _single(rows.theta), _single(rows.eta))
         worst, at, broken = verify(ranges, objective, rows, promise)
         if worst <= promise:
-            name = {math.inf: "inf", 1.0: "l1", 2.0: "l2"}.get(error_norm.order, repr(error_norm.order))
             slope = math.inf if max_slope is None else float(max_slope)
             return LambdaTable(
-                *rows, metric, name, measure,
-                max_slope=slope, promised=promise, achieved=worst, worst=at, version=warpopt.__version__,
+                *rows, objective,
+                max_slope=slope, promised=promise, achieved=worst, worst=at, version=importlib.metadata.version("warpopt"),
             )  # fmt: skip
         rows, promise = attempts.send(broken)
     raise RuntimeError(f"build_table: got a regret of {worst:.3g} at {at} for a promise of {promise:g}")
 
 
-def _ranges(frustum, theta_range, depth_ratio_range, half_fov_range) -> Ranges:
+def _ranges(frustum: ViewFrustum, theta_range, depth_ratio_range, half_fov_range) -> Ranges:
+    instance("frustum", frustum, ViewFrustum)
     if frustum.near.shape:
         raise ValueError(f"frustum: got shape {frustum.near.shape}, expected one frustum")
     first, last = theta_range

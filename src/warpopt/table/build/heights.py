@@ -4,7 +4,7 @@ import numpy as np
 import scipy.optimize
 import scipy.sparse
 
-from .look_up import on_piece
+from ..lookup import on_piece
 from .tube import Tube
 
 _HIGHEST = 4.0  # of a knot above eta = 1, where a look-up ends: room enough for a piece to cross it anywhere

@@ -1,4 +1,4 @@
-"""Groups of receivers: what makes a scene of any size a few hundred numbers, and their sums."""
+"""Bins of receivers by their depth along Z_w: what makes a scene of any size a few hundred numbers, and their sums."""
 
 import math
 from collections.abc import Callable
@@ -6,14 +6,15 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PyTree
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._numerics import larger, power
-from ..theory.error_norm import ErrorNorm
+from ..objective import Objective
 from ..theory.light_frame import LightFrame
-from ..theory.light_space import Depth
+from ..theory.light_space import LightDepth
 from .footprint import Footprint, Nearest, Sides, axis_inside, range_of
-from .whole_frustum import binomial_moments
+from .moments import binomial_moments
 
 BINS = 256  # in delta; each is a group of the footprint
 # Bins are even in log(delta + this), so that A = (1 - delta) eta + delta varies by at most 3.7 % within one for eta
@@ -21,10 +22,17 @@ BINS = 256  # in delta; each is a group of the footprint
 _FINEST = 1e-4
 
 
-def bin_of(share: Float[Array, "..."]) -> Array:
+def bin_of(share: Float[Array, "..."], count: int = BINS) -> Int[Array, "..."]:
     """The bin of a delta in [0, 1]."""
     position = jnp.log1p(share / _FINEST) / math.log1p(1 / _FINEST)
-    return jax.lax.stop_gradient(jnp.clip((position * BINS).astype(int), 0, BINS - 1))
+    return jax.lax.stop_gradient(jnp.clip((position * count).astype(jnp.int32), 0, count - 1))
+
+
+def bin_edges(count: int) -> np.ndarray:
+    """(count + 1,) the delta at which bins begin and end."""
+    edges = _FINEST * np.expm1(np.linspace(0, np.log1p(1 / _FINEST), count + 1))
+    edges[-1] = 1.0
+    return edges
 
 
 class Groups(eqx.Module):
@@ -60,6 +68,11 @@ def ends(seen: Bool[Array, "..."], values: Float[Array, "..."]) -> tuple[Array, 
     return jnp.where(there, least, 0), jnp.where(there, largest, 0)
 
 
+def extent_of(z: Float[Array, "..."], seen: Bool[Array, "..."]) -> tuple[Array, Array]:
+    """(least, largest) eye depth of what is seen; (inf, -inf) for nothing."""
+    return jnp.where(seen, z, jnp.inf).min(), jnp.where(seen, z, -jnp.inf).max()
+
+
 def singles(valid: Bool[Array, " N"], points: Float[Array, "N 3"], frame: LightFrame) -> Groups:
     """A few points in eye coordinates, each its own group."""
     points = jnp.where(valid[:, None], points, 0)
@@ -78,10 +91,10 @@ def from_groups(groups: Groups, near: Array, grouped: bool = True) -> Footprint:
     mu, flat = range_of(start, end, jnp.maximum(jnp.abs(start), jnp.abs(end)))
     axis = axis_inside(least, largest)
 
-    def depth(d: Array) -> Depth:
+    def depth(d: Array) -> LightDepth:
         usable = there & ~flat
         d = jnp.where(usable, d, start)
-        return Depth(jnp.where(usable, (d - start) / mu, 0), jnp.where(usable, (end - d) / mu, 1))
+        return LightDepth(jnp.where(usable, (d - start) / mu, 0), jnp.where(usable, (end - d) / mu, 1))
 
     def sides(least: Array, largest: Array) -> tuple[Array, Array]:
         right, left = (
@@ -119,7 +132,7 @@ def with_moments(
     rows: PyTree,
     receivers_of: Callable[[PyTree], tuple[Array, Array, Array]],
     unit: Array,
-    norm: ErrorNorm,
+    objective: Objective,
 ) -> Footprint:
     """The footprint with the moments of weighted receivers; all terms positive.
 
@@ -130,7 +143,7 @@ def with_moments(
         rows: arrays whose leading axis is the rows'.
         receivers_of: (Z_w . c, `unit` over z, weight) of one row's receivers.
     """
-    M, exponent = round(norm.blend_degree), norm.metric.depth_power * norm.order
+    M, exponent = round(objective.blend_degree), objective.metric.depth_power * objective.order
     # Few numbers: the more a sweep reads, the less LLVM vectorises it (half the speed for one more). 1 - delta is as
     # exact as delta here, whose error is that of Z_w . c.
     start, scale = footprint.start, jnp.where(footprint.flat, 0, 1 / footprint.mu)
@@ -149,7 +162,7 @@ def with_moments(
     # A receiver at an end may have a delta of -eps, which no sum must show. (Mending it there, receiver by receiver,
     # costs more than all the rest of the sweep.)
     sums = [larger(value.sum(), 0) for value in raw]
-    return footprint.with_moments(binomial_moments(sums, mass.sum(), norm), unit)
+    return footprint.with_moments(binomial_moments(sums, mass.sum(), objective), unit)
 
 
 def _powers(base: Array, highest: int) -> list[Array]:

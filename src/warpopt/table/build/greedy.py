@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .look_up import Rows, look_up
+from ..lookup import Rows, lookup
 from .samples import Samples, evenly
 from .tube import Tube
 
@@ -32,7 +32,7 @@ class Grid:
     def keeps(self, rows: Rows, ratios: slice, fovs: slice, depth: float) -> bool:
         """Whether a table is so deep in the tube at all candidates of a range."""
         at = ratios, fovs
-        found = look_up(self.theta[at], self.axes[0][ratios, None, None], self.axes[1][None, fovs, None], rows, np)
+        found = lookup(self.theta[at], self.axes[0][ratios, None, None], self.axes[1][None, fovs, None], rows, np)
         return bool((Tube(*(v[at] for v in self.tube)).depth(found) >= depth).all())
 
     def chosen(self) -> tuple[np.ndarray, np.ndarray]:

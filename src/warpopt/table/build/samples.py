@@ -6,12 +6,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..solve.optimal_warp import optimal_warp
-from ..theory.frustum import ViewFrustum
+from ...solve.optimal_warp import optimal_warp
+from ...theory.view_frustum import ViewFrustum
+from ...views import FrustumView
 from .bisection import bisected
 from .heights import best_heights
 from .landmarks import landmarks, with_axes
-from .tube import Objective, Tube, regret, tube
+from ...objective import Objective
+from .tube import Tube, regret, tube
 
 # Fractions of the way between landmarks: even, and closer and closer to either.
 _NEAR = np.geomspace(1e-5, 0.25, 12)
@@ -124,7 +126,7 @@ def _with_jumps(frusta: ViewFrustum, objective: Objective, found: np.ndarray, ma
     """Landmarks with one more before each at which eta jumps: where its value beyond begins to keep the promise."""
 
     def eta(theta: np.ndarray) -> np.ndarray:
-        return np.asarray(optimal_warp(frusta, theta, *objective, throw=False).warp.eta)
+        return np.asarray(optimal_warp(FrustumView(frusta, theta), objective, throw=False).warp.eta)
 
     more = []
     for j in range(1, found.shape[1] - 1):

@@ -4,12 +4,13 @@ import itertools
 
 import numpy as np
 
-from ..theory.frustum import ViewFrustum
+from ...theory.view_frustum import ViewFrustum
 from .bisection import bisected
 from .heights import best_heights
 from .landmarks import landmarks, with_axes
-from .look_up import Rows
-from .tube import Objective, tube
+from ..lookup import Rows
+from ...objective import Objective
+from .tube import tube
 from .verify import Ranges
 
 _KNOTS = (65, 129, 257)  # even ones to begin with, besides those at kinks
