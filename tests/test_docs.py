@@ -19,6 +19,7 @@ from warpopt.app.config import Problem, RunConfig, read_config, validated
 from warpopt.app.export_config import ExportRequest
 from warpopt.app.scene_config import SceneConfig
 from warpopt.app.table_config import TableConfig
+from warpopt.rules import registry
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -110,7 +111,7 @@ def test_the_reference_says_what_the_docstrings_say():
 
 def test_every_public_name_has_an_example_that_runs():
     public = {name: getattr(warpopt, name) for name in warpopt.__all__ if name != "rules"}
-    public |= warpopt.rules.PUBLISHED | warpopt.rules.ENGINES
+    public |= {name: rule.function for name, rule in registry.EVERY.items()}
     assert [name for name, found in public.items() if ">>>" not in inspect.getdoc(found)] == []
 
 

@@ -8,13 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .. import rules as every
+from ..rules import registry
 from ..theory.frustum import ViewFrustum
 from ..theory.warp import Warp
 
 Rule = Callable[[ViewFrustum, Array], Warp]
 Rules = None | str | Rule | Sequence[str | Rule] | Mapping[str, str | Rule]
-KNOWN: dict[str, Rule] = every.PUBLISHED | every.ENGINES
+KNOWN: dict[str, Rule] = {name: rule.function for name, rule in registry.EVERY.items()}
 
 
 class RuleError(ValueError):
@@ -45,6 +45,8 @@ def rule_set(rules: Rules) -> dict[str, Rule]:
 
 
 def _name(rule: Rule) -> str:
+    if isinstance(rule, registry.Rule):
+        return rule.name
     return getattr(rule, "__name__", type(rule).__name__)
 
 
@@ -53,6 +55,8 @@ def _rule(rule: str | Rule) -> Rule:
         if rule not in KNOWN:
             raise RuleError(f"rules: got {rule!r}, expected a callable or one of {', '.join(KNOWN)}")
         return KNOWN[rule]
+    if isinstance(rule, registry.Rule):
+        return rule.function
     if not callable(rule):
         raise RuleError(f"rules: got {rule!r}, expected a name or a callable (frustum, theta) -> warpopt.Warp")
     return rule
