@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 
 import warpopt
-from warpopt.app import cli, run
-from warpopt.app.compare_config import CompareConfig, SceneCompareConfig
-from warpopt.app.config import ConfigError, RunConfig, read_config
-from warpopt.app.scene_config import SceneConfig
-from warpopt.app.table_config import TableConfig
+from warpopt.app import cli
+from warpopt.app.common.settings import ConfigError, read_config
+from warpopt.app.compare.settings import CompareConfig, SceneCompareConfig
+from warpopt.app.scene.settings import SceneConfig
+from warpopt.app.sweep import run
+from warpopt.app.sweep.settings import RunConfig
+from warpopt.app.table.settings import TableConfig
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 SMALL = """

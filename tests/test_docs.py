@@ -14,11 +14,14 @@ import pytest
 
 import warpopt
 from warpopt.app import cli
-from warpopt.app.compare_config import check_modules, read_compare_config
-from warpopt.app.config import Problem, RunConfig, read_config, validated
-from warpopt.app.export_config import ExportRequest
-from warpopt.app.scene_config import SceneConfig
-from warpopt.app.table_config import TableConfig
+from warpopt.app.common.settings import read_config, validated
+from warpopt.app.compare.own_rules import check_modules
+from warpopt.app.compare.settings import read_compare_config
+from warpopt.app.export.request import ExportRequest
+from warpopt.app.one_view.settings import Problem
+from warpopt.app.scene.settings import SceneConfig
+from warpopt.app.sweep.settings import RunConfig
+from warpopt.app.table.settings import TableConfig
 from warpopt.rules import registry
 
 ROOT = Path(__file__).parents[1]

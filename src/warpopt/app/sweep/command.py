@@ -1,0 +1,43 @@
+"""The arguments of `warpopt run`, and its road: read, start processes or be one of them, solve."""
+
+import dataclasses
+import sys
+from typing import TYPE_CHECKING
+
+from ..common.command import Configured
+from ..common.jax_settings import prepare_jax
+
+if TYPE_CHECKING:
+    from .settings import RunConfig
+
+
+@dataclasses.dataclass(frozen=True)
+class Run(Configured):
+    """Solve a configuration and write its table, figures and report."""
+
+    @staticmethod
+    def model() -> "type[RunConfig]":
+        from .settings import RunConfig
+
+        return RunConfig
+
+    def answer(self, overrides: list[str]) -> int:
+        config = self.read(overrides)
+        compute = config.compute
+        prepare_jax(compute.devices_per_process)
+        if compute.process_id is not None:
+            from .worker_process import work
+
+            return work(config)
+        if compute.processes > 1:
+            from .process_launcher import compute_in_processes
+
+            compute_in_processes(config, [str(self.config), *overrides], print)
+        from ..frusta.solve import Incomplete
+        from .run import run
+
+        try:
+            return run(config)
+        except Incomplete as flaw:
+            print(f"warpopt: {flaw}", file=sys.stderr)
+            return 1
