@@ -10,7 +10,7 @@ from typing import Literal, NoReturn
 import pydantic
 import tyro
 
-from .common.command import Plain, ProcessDied
+from .common.command import Failed, Plain
 from .common.settings import ConfigError
 from .compare.command import Compare
 from .export.command import Export
@@ -53,7 +53,7 @@ def main(arguments: list[str] | None = None) -> None:
         code = command.answer(rest)
     except ConfigError as error:
         _exit(2, f"{error}")
-    except ProcessDied as error:
+    except Failed as error:
         _exit(1, f"{error}")
     except OSError as error:
         _exit(1, f"{error}; no result was written, an earlier one is as it was")

@@ -11,8 +11,8 @@ from .output import check_replaceable
 from .settings import ConfigError, read_config
 
 
-class ProcessDied(Exception):
-    """A process ended or fell silent before its share was finished, in words."""
+class Failed(Exception):
+    """A command could not do its work, though its input was good; in words."""
 
 
 @dataclasses.dataclass(frozen=True)

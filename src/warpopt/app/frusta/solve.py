@@ -9,6 +9,7 @@ import numpy as np
 
 from warpopt.rules.registry import PUBLISHED
 
+from ..common.command import Failed
 from ..common.limits import no_limit_because
 from .block_files import Block, BlockFiles
 from .block_solver import BlockSolver, solve_blocks
@@ -86,7 +87,7 @@ def compute_sweep(
     return sweep_of(problem, None, progress)
 
 
-class Incomplete(Exception):
+class Incomplete(Failed):
     """Blocks that should be there are not."""
 
 

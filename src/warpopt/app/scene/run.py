@@ -76,7 +76,7 @@ def write_scene_table(solved: list[Solved], path: Path) -> None:
         row = s.row | dict(zip("xyz", s.row["direction"], strict=True))
         if row["no_warp"]:
             row |= {"lambda": "inf", "lambda_over_mu": "inf"}
-        rows.append("" if row[name] is None else row[name] for name in _COLUMNS)
+        rows.append(["" if row[name] is None else row[name] for name in _COLUMNS])
     write_csv(path, _COLUMNS, rows)
 
 

@@ -1,7 +1,6 @@
 """The arguments of `warpopt run`, and its road: read, start processes or be one of them, solve."""
 
 import dataclasses
-import sys
 from typing import TYPE_CHECKING
 
 from ..common.command import Configured
@@ -33,11 +32,6 @@ class Run(Configured):
             from .process_launcher import compute_in_processes
 
             compute_in_processes(config, [str(self.config), *overrides], print)
-        from ..frusta.solve import Incomplete
         from .run import run
 
-        try:
-            return run(config)
-        except Incomplete as flaw:
-            print(f"warpopt: {flaw}", file=sys.stderr)
-            return 1
+        return run(config)

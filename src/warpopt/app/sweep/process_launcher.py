@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO
 
-from ..common.command import ProcessDied
+from ..common.command import Failed
 from ..frusta.block_files import count_of, folder_of
 from .settings import RunConfig
 
@@ -22,6 +22,10 @@ LAUNCHER_VARIABLE = "WARPOPT_LAUNCHER"  # the launcher's process id, for its chi
 _POLL_S = 0.1
 _GRACE_S = 5.0  # between asking a process to end and killing it
 _TAIL_LINES = 12
+
+
+class ProcessDied(Failed):
+    """A process ended or fell silent before its share was finished, in words."""
 
 
 def alive_path(folder: Path, process: int) -> Path:
