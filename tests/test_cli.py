@@ -321,4 +321,4 @@ def test_a_view_list_gives_one_table_for_each_value(folder):
 def test_read_config_names_a_broken_file(folder):
     (folder / "broken.toml").write_text("[view\n")
     with pytest.raises(ConfigError, match="not a TOML file"):
-        read_config(folder / "broken.toml", [])
+        read_config(folder / "broken.toml", [], RunConfig)

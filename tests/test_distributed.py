@@ -175,15 +175,17 @@ def test_truncated_edited_and_foreign_parts_are_computed_again(folder, monkeypat
 
 
 def test_a_merge_refuses_a_missing_block(folder):
-    job = read_config(folder / "config.toml", []).problem()
-    store = block_files.BlockFiles(folder / "parts", job, "cpu", {}, print)
+    problem = read_config(folder / "config.toml", [], RunConfig).problem()
+    store = block_files.BlockFiles(folder / "parts", problem, "cpu", {}, print)
     with pytest.raises(solve.Incomplete, match="200 of 200 blocks are not there, the first is 0"):
-        solve.sweep_of(job, store, all_there=True)
+        solve.sweep_of(problem, store, all_there=True)
 
 
 def test_another_problem_block_size_or_compiler_has_another_folder(folder, monkeypatch):
     def name(*overrides: str) -> Path:
-        return block_files.folder_of(Path("out"), read_config(folder / "config.toml", list(overrides)).problem())
+        return block_files.folder_of(
+            Path("out"), read_config(folder / "config.toml", list(overrides), RunConfig).problem()
+        )
 
     monkeypatch.delenv("XLA_FLAGS", raising=False)
     first = name()
@@ -231,12 +233,12 @@ def test_tiles_cover_the_rectangle_once_and_have_one_shape(views, directions, si
 )
 def test_bad_values_are_refused_by_their_paths(folder, overrides, words):
     with pytest.raises(ConfigError, match=re.escape(words)):
-        read_config(folder / "config.toml", overrides)
+        read_config(folder / "config.toml", overrides, RunConfig)
 
 
 def test_the_section_is_optional(folder):
     (folder / "config.toml").write_text(CONFIG.split("[compute]")[0])
-    config = read_config(folder / "config.toml", [])
+    config = read_config(folder / "config.toml", [], RunConfig)
     assert isinstance(config, RunConfig)
     assert config.compute.processes == 1
 

@@ -166,12 +166,9 @@ def commands(page: Path) -> list[list[str]]:
     ("page", "words"),
     [pytest.param(p, w, id=f"{p.name}: {' '.join(w)}") for p in PAGES for w in commands(p)],
 )
-def test_command_lines_are_accepted(page, words, monkeypatch):
+def test_command_lines_are_accepted(page, words):
     """As far as the checks go that come before anything is computed."""
-    parsed = []
-    monkeypatch.setattr(cli, "_dispatch", lambda command, rest: parsed.append((command, rest)))
-    cli.main(words)
-    ((command, rest),) = parsed
+    command, rest = cli.parsed(words)
     models = {cli.Run: RunConfig, cli.Scene: SceneConfig, cli.Table: TableConfig}
     if type(command) in models:
         config = ROOT / command.config

@@ -36,9 +36,9 @@ class Schema(Plain):
 Command = Run | Scene | Table | Compare | Export | Solve | Rules | Limit | Schema
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Entry point. Exit code 2 with a few lines on bad input, 1 if a solve failed, 130 if interrupted."""
-    command, rest = tyro.cli(
+def parsed(arguments: list[str] | None = None) -> tuple[Command, list[str]]:
+    """The command, and the words that are left for its configuration's keys."""
+    return tyro.cli(
         Command,
         prog="warpopt",
         description="Optimal perspective warps for shadow maps.",
@@ -46,11 +46,16 @@ def main(arguments: list[str] | None = None) -> None:
         return_unknown_args=True,
         config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
     )
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point. Exit code 2 with a few lines on bad input, 1 if a solve failed, 130 if interrupted."""
+    command, overrides = parsed(arguments)
     # A batch system's request to end is treated as Ctrl-C: clean up, then go.
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        code = command.answer(rest)
+        code = command.answer(overrides)
     except ConfigError as error:
         _exit(2, f"{error}")
     except Failed as error:
