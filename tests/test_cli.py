@@ -1,5 +1,6 @@
 """The command line end to end, each case in a folder of its own."""
 
+import ast
 import csv
 import json
 import math
@@ -306,6 +307,23 @@ def test_help_and_refusals_do_not_wait_for_jax():
     for arguments, code_expected in ((["--help"], 0), *refused):
         result = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
         assert result.stdout.splitlines()[-2:] == [f"code {code_expected}", "False"]
+
+
+APP = Path(cli.__file__).parent
+SHARED = {"common": set(), "inputs": {"common"}, "frusta": {"common"}}
+
+
+@pytest.mark.parametrize("room", sorted(path.parent.name for path in APP.glob("*/__init__.py")))
+def test_no_command_imports_from_anothers_folder(room):
+    """And what is shared knows no command; the whole house's contract is not for the rooms within `app`."""
+    allowed = SHARED.get(room, set(SHARED))
+    files = list((APP / room).glob("*.py"))
+    assert len(files) <= 16
+    for file in files:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.level == 2 or (node.module or "").startswith("warpopt.app")):
+                module = (node.module or "").removeprefix("warpopt.app").strip(".")
+                assert module.partition(".")[0] in allowed, f"{file}: {ast.unparse(node)}"
 
 
 def test_a_view_list_gives_one_table_for_each_value(folder):

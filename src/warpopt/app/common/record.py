@@ -12,9 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 from pydantic import BaseModel
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+import warpopt
 
 from .output import MARK
 
@@ -50,6 +53,12 @@ def timed(timings: dict[str, float], name: str) -> Iterator[None]:
     start = time.perf_counter()
     yield
     timings[name] = time.perf_counter() - start
+
+
+def outcome_counts(results: Any) -> dict[str, int]:
+    """How many of each outcome there are, by name."""
+    values, counts = np.unique(np.asarray(results, int), return_counts=True)
+    return {warpopt.Outcome(v).name: n for v, n in zip(values.tolist(), counts.tolist(), strict=True)}
 
 
 def finite_or_none(value: float) -> float | None:

@@ -10,9 +10,8 @@ from rich.table import Table
 from warpopt.compare.rule_set import RuleError
 from warpopt.rules.registry import EVERY, rule_title
 
-from ..common.outcomes import outcome_counts
 from ..common.output import whole_folder
-from ..common.record import environment, progress_bar, timed, write_json, write_mark
+from ..common.record import environment, outcome_counts, progress_bar, timed, write_json, write_mark
 from ..common.settings import ConfigError
 from ..inputs.scene_files import SceneInput
 from .report import compare_report, ratio_text

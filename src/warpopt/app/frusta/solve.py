@@ -7,6 +7,7 @@ from collections.abc import Callable
 import jax
 import numpy as np
 
+import warpopt
 from warpopt.rules.registry import PUBLISHED
 
 from ..common.command import Failed
@@ -48,6 +49,11 @@ class OptimumCurves(Curves):
     def over_limit(self) -> np.ndarray:
         """The minimal norm as a multiple of the limit; NaN where there is none, or it is 0 (receivers at one depth)."""
         return self.value / np.where(self.limit > 0, self.limit, np.nan)
+
+    @property
+    def failed(self) -> np.ndarray:
+        """Where no optimum was found."""
+        return ~np.isin(self.result, [outcome for outcome in warpopt.Outcome if outcome.succeeded])
 
     @property
     def no_limit_because(self) -> str | None:

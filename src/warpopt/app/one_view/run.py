@@ -11,7 +11,6 @@ from rich.table import Table
 
 import warpopt
 
-from ..common.outcomes import succeeded
 from ..common.output import whole_files
 from ..common.record import finite_or_none
 from ..common.settings import ConfigError
@@ -79,7 +78,7 @@ def solve(problem: Problem, as_json: bool) -> int:
             table.add_row("value / limit", _shown(answer["over_limit"]))
         table.add_row("outcome", answer["outcome_sentence"])
         rich.print(table)
-    return 0 if succeeded(warpopt.Outcome[answer["outcome"]]) else 1
+    return 0 if warpopt.Outcome[answer["outcome"]].succeeded else 1
 
 
 def rules(problem: Problem, as_json: bool) -> int:
@@ -117,7 +116,7 @@ def rules(problem: Problem, as_json: bool) -> int:
         rich.print(table)
         if answer["no_limit_because"]:
             rich.print(answer["no_limit_because"])
-    return 0 if succeeded(warpopt.Outcome[answer["outcome"]]) else 1
+    return 0 if warpopt.Outcome[answer["outcome"]].succeeded else 1
 
 
 def write_limit_map(problem: Problem, files: Sequence[Path]) -> int:

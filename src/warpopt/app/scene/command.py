@@ -1,13 +1,10 @@
 """The arguments of `warpopt scene`."""
 
 import dataclasses
-from typing import TYPE_CHECKING
+from typing import Any
 
 from ..common.command import Configured
 from ..common.jax_settings import prepare_jax
-
-if TYPE_CHECKING:
-    from .settings import SceneConfig
 
 
 @dataclasses.dataclass(frozen=True)
@@ -15,7 +12,7 @@ class Scene(Configured):
     """Solve a scene: cameras, lights and what is seen, to matrices, tables and error maps."""
 
     @staticmethod
-    def model() -> "type[SceneConfig]":
+    def model() -> Any:
         from .settings import SceneConfig
 
         return SceneConfig

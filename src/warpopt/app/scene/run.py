@@ -8,9 +8,8 @@ import jax
 from rich.console import Console
 from rich.table import Table
 
-from ..common.outcomes import outcome_counts, succeeded
 from ..common.output import whole_folder
-from ..common.record import environment, progress_bar, timed, write_csv, write_json, write_mark
+from ..common.record import environment, outcome_counts, progress_bar, timed, write_csv, write_json, write_mark
 from ..inputs.scene_files import SceneInput
 from .report import scene_report, short
 from .settings import SceneConfig
@@ -57,7 +56,7 @@ def run_scene(config: SceneConfig, scene: SceneInput, console: Console | None = 
         outcomes = outcome_counts([s.outcome for s in solved])
         dtype = jax.numpy.zeros(0).dtype
         write_mark(folder, environment(config, dtype, timings, used) | {"outcomes": outcomes})
-    failures = int((~succeeded([s.outcome for s in solved])).sum())
+    failures = sum(not s.outcome.succeeded for s in solved)
     _summarise(console, config, scene, solved, failures)
     return 1 if failures else 0
 

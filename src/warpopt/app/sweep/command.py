@@ -1,13 +1,10 @@
 """The arguments of `warpopt run`, and its road: read, start processes or be one of them, solve."""
 
 import dataclasses
-from typing import TYPE_CHECKING
+from typing import Any
 
 from ..common.command import Configured
 from ..common.jax_settings import prepare_jax
-
-if TYPE_CHECKING:
-    from .settings import RunConfig
 
 
 @dataclasses.dataclass(frozen=True)
@@ -15,7 +12,7 @@ class Run(Configured):
     """Solve a configuration and write its table, figures and report."""
 
     @staticmethod
-    def model() -> "type[RunConfig]":
+    def model() -> Any:
         from .settings import RunConfig
 
         return RunConfig

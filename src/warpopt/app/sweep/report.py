@@ -8,7 +8,6 @@ import warpopt
 from warpopt.rules.registry import PUBLISHED, rule_title
 
 from ..common.limits import least_and_largest, limit_sentence
-from ..common.outcomes import succeeded
 from ..common.words import markdown_pictures, markdown_table
 from ..frusta.solve import OptimumCurves, RuleCurves, Sweep
 from .settings import RunConfig
@@ -72,7 +71,7 @@ def _finding(sweep: Sweep, i: int, optimum: OptimumCurves, order: np.ndarray) ->
         frozenset(name for name in PUBLISHED if sweep.rules[name].defined[i].all()),
         harmful,
         least_and_largest(optimum.over_limit[i]),
-        int((~succeeded(result)).sum()),
+        int(optimum.failed[i].sum()),
     )
 
 

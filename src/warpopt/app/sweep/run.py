@@ -10,7 +10,6 @@ from rich.table import Table
 
 from warpopt.rules.registry import rule_title
 
-from ..common.outcomes import succeeded
 from ..common.output import whole_folder
 from ..common.record import progress_bar, timed, write_mark
 from ..frusta.block_files import BlockFiles, folder_of
@@ -58,7 +57,7 @@ def run(config: RunConfig, console: Console | None = None) -> int:
         write_mark(folder, run_record(config, sweep, timings))
     if files:
         files.delete()
-    failures = sum(int((~succeeded(o.result)).sum()) for o in sweep.optima)
+    failures = sum(int(o.failed.sum()) for o in sweep.optima)
     _summarise(console, found, config.output.directory, failures)
     return 1 if failures else 0
 

@@ -8,8 +8,7 @@ import numpy as np
 import warpopt
 from warpopt.rules.registry import PUBLISHED
 
-from ..common.outcomes import outcome_counts
-from ..common.record import environment, finite_or_none, write_csv
+from ..common.record import environment, finite_or_none, outcome_counts, write_csv
 from ..frusta.solve import OptimumCurves, Sweep
 from .settings import RunConfig
 

@@ -1,15 +1,12 @@
 """The arguments of `warpopt table`."""
 
 import dataclasses
-from typing import TYPE_CHECKING
+from typing import Any
 
 from ..common.command import Configured
 from ..common.jax_settings import prepare_jax
 from ..common.output import check_files_replaceable
 from ..common.settings import read_config
-
-if TYPE_CHECKING:
-    from .settings import TableConfig
 
 
 @dataclasses.dataclass(frozen=True)
@@ -17,7 +14,7 @@ class Table(Configured):
     """Build a table of the optimal warp over theta that keeps a promise, for `export`."""
 
     @staticmethod
-    def model() -> "type[TableConfig]":
+    def model() -> Any:
         from .settings import TableConfig
 
         return TableConfig
