@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .. import rules as every
+from ..rules import registry
 from ..solve.chunks import in_blocks, in_chunks
 from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
@@ -17,7 +17,7 @@ from ..views import FrustumView
 
 Rule = Callable[[ViewFrustum, Array], Warp]
 Rules = None | str | Rule | Sequence[str | Rule] | Mapping[str, str | Rule]
-KNOWN: dict[str, Rule] = every.PUBLISHED | every.ENGINES
+KNOWN: dict[str, Rule] = {name: rule.function for name, rule in registry.EVERY.items()}
 
 
 class RuleError(ValueError):
@@ -48,6 +48,8 @@ def rule_set(rules: Rules) -> dict[str, Rule]:
 
 
 def _name(rule: Rule) -> str:
+    if isinstance(rule, registry.Rule):
+        return rule.name
     return getattr(rule, "__name__", type(rule).__name__)
 
 
@@ -56,6 +58,8 @@ def _rule(rule: str | Rule) -> Rule:
         if rule not in KNOWN:
             raise RuleError(f"rules: got {rule!r}, expected a callable or one of {', '.join(KNOWN)}")
         return KNOWN[rule]
+    if isinstance(rule, registry.Rule):
+        return rule.function
     if not callable(rule):
         raise RuleError(f"rules: got {rule!r}, expected a name or a callable (frustum, theta) -> warpopt.Warp")
     return rule
@@ -63,7 +67,7 @@ def _rule(rule: str | Rule) -> Rule:
 
 def takes_body(name: str, rule: Rule) -> bool:
     """Whether a rule is one of warpopt's that may be given a `Body` in the place of a frustum."""
-    return KNOWN.get(name) is rule and name != "tsm_alternative"  # its focus region is a part of V
+    return KNOWN.get(name) is rule and registry.EVERY[name].takes_body
 
 
 def warps_of(rules: Mapping[str, Rule], view: FrustumView) -> tuple[Array, Array]:
