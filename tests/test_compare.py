@@ -84,7 +84,7 @@ def invoke(*arguments: str) -> int:
 
 @pytest.fixture(scope="module")
 def comparison():
-    return warpopt.compare_rules(FRUSTUM, THETA, KNOWN | {"tenth": tenth})
+    return warpopt.compare_rules(warpopt.FrustumView(FRUSTUM, THETA), KNOWN | {"tenth": tenth})
 
 
 @pytest.fixture(scope="module")
@@ -107,13 +107,13 @@ def folder(written, monkeypatch):
 
 def test_values_are_those_of_the_library(comparison):
     """Other shapes are compiled otherwise: 4 eps each for the optimum and the norm."""
-    solution = warpopt.optimal_warp(FRUSTUM, THETA)
+    solution = warpopt.optimal_warp(warpopt.FrustumView(FRUSTUM, THETA))
     np.testing.assert_allclose(comparison.solution.value, solution.value, rtol=8 * EPS)
-    np.testing.assert_allclose(comparison.limit, warpopt.limit(FRUSTUM, THETA), rtol=8 * EPS)
+    np.testing.assert_allclose(comparison.limit, warpopt.lower_bound(warpopt.FrustumView(FRUSTUM, THETA)), rtol=8 * EPS)
     for name in ("tsm", "filament", "osg_lispsm_corrected"):
         i, warp = comparison.names.index(name), KNOWN[name](FRUSTUM, THETA)
         np.testing.assert_array_equal(comparison.defined[i], warp.defined)
-        expected = np.where(warp.defined, warpopt.error_norm(FRUSTUM, THETA, warp), np.nan)
+        expected = np.where(warp.defined, warpopt.error_norm(warpopt.FrustumView(FRUSTUM, THETA), warp), np.nan)
         np.testing.assert_allclose(comparison.values[i], expected, rtol=16 * EPS)
         np.testing.assert_allclose(comparison.ratio[i], expected / solution.value, rtol=16 * EPS)
         np.testing.assert_allclose(comparison.over_limit[i], expected / comparison.limit, rtol=16 * EPS)
@@ -147,7 +147,7 @@ def test_ends_of_regions_are_bisected(comparison):
     assert np.rad2deg(interval[1]) == pytest.approx(end, rel=1e-10)
     assert interval[0] < 1e-6  # no warp at theta = 0 itself, where its lambda is inf
     # The closed form: the near end of the lower plane rules, and (1 - d) eta + d = sqrt(eta) has the root (d/(1-d))^2.
-    space = warpopt.LightSpace(FRUSTUM, jnp.asarray(interval[1]))
+    space = warpopt.theory.LightSpace(FRUSTUM, jnp.asarray(interval[1]))
     near, _ = space.edge(1.0)
     eta = warpopt.rules.lispsm(FRUSTUM, interval[1]).eta
     assert float(eta) == pytest.approx(float(near.delta / near.one_minus_delta) ** 2, rel=1e-10)
@@ -195,7 +195,7 @@ def test_the_worst_is_found_between_the_directions(comparison):
         worst = comparison.worst(name)
         theta = np.r_[worst.theta, np.linspace(THETA[2], THETA[4], 99)]
         warp = KNOWN[name](FRUSTUM, theta)
-        ratio = warpopt.error_norm(FRUSTUM, theta, warp) / warpopt.optimal_warp(FRUSTUM, theta).value
+        ratio = warpopt.error_norm(warpopt.FrustumView(FRUSTUM, theta), warp) / warpopt.optimal_warp(warpopt.FrustumView(FRUSTUM, theta)).value
         ratio = np.where(warp.defined, ratio, 0)
         assert worst.ratio == pytest.approx(ratio[0], rel=64 * EPS)
         assert worst.ratio >= ratio.max() * (1 - 64 * EPS)
@@ -221,8 +221,8 @@ def test_how_much_worse_than_no_warp(comparison):
     """LiSPSM by 1.47 % at 4.15 degrees, between two directions given: a dense sweep has no more."""
     worst = comparison.worst("lispsm", "no_warp")
     theta = np.r_[worst.theta, np.deg2rad(np.linspace(0.1, 7.0, 100))]
-    ratio = warpopt.error_norm(FRUSTUM, theta, warpopt.rules.lispsm(FRUSTUM, theta))
-    ratio = ratio / warpopt.error_norm(FRUSTUM, theta, warpopt.rules.ssm(FRUSTUM, theta))
+    ratio = warpopt.error_norm(warpopt.FrustumView(FRUSTUM, theta), warpopt.rules.lispsm(FRUSTUM, theta))
+    ratio = ratio / warpopt.error_norm(warpopt.FrustumView(FRUSTUM, theta), warpopt.rules.ssm(FRUSTUM, theta))
     assert worst.ratio == pytest.approx(float(ratio[0]), rel=64 * EPS)
     assert 1.0146 < worst.ratio < 1.0148
     assert worst.ratio >= float(ratio.max()) * (1 - 64 * EPS)
@@ -231,7 +231,7 @@ def test_how_much_worse_than_no_warp(comparison):
 
 def test_what_is_undefined_between_the_directions_is_not_ranked():
     """Four directions see neither gap of the corrected rule; its pole towards the first one is found all the same."""
-    found = warpopt.compare_rules(FRUSTUM, np.deg2rad([0.0, 30.0, 60.0, 90.0]), ["ssm", "osg_lispsm_corrected"])
+    found = warpopt.compare_rules(warpopt.FrustumView(FRUSTUM, np.deg2rad([0.0, 30.0, 60.0, 90.0])), ["ssm", "osg_lispsm_corrected"])
     assert found.defined.all()
     assert np.isinf(found.worst("osg_lispsm_corrected").ratio)
     assert not found.complete("osg_lispsm_corrected")
@@ -279,7 +279,7 @@ def test_a_rule_of_one_angle_is_called_for_each():
     eta, defined = rule_set.warps_of(own, FRUSTUM, jnp.asarray(THETA))
     assert defined.all()
     np.testing.assert_allclose(eta[0] ** 2, warpopt.rules.lispsm(FRUSTUM, THETA).eta, rtol=4 * EPS)
-    mu = np.asarray(warpopt.LightSpace(FRUSTUM, jnp.asarray(THETA)).mu)
+    mu = np.asarray(warpopt.theory.LightSpace(FRUSTUM, jnp.asarray(THETA)).mu)
     np.testing.assert_allclose(eta[1], np.where(THETA < math.radians(10), 1, 11 / (11 + mu)), rtol=8 * EPS)
 
 
@@ -310,13 +310,13 @@ def test_rules_come_as_names_callables_or_a_dict():
 )
 def test_bad_rules_are_refused_in_words(rules, words):
     with pytest.raises(ValueError, match=words):
-        warpopt.compare_rules(FRUSTUM, THETA, rules)
+        warpopt.compare_rules(warpopt.FrustumView(FRUSTUM, THETA), rules)
 
 
 @pytest.mark.parametrize("theta", [[], [0.5, 0.2], [0.2, 0.2], 0.3, [[0.1, 0.2]], [-0.1, 0.2]])
 def test_bad_directions_are_refused(theta):
     with pytest.raises(ValueError, match="theta: got"):
-        warpopt.compare_rules(FRUSTUM, theta, "ssm")
+        warpopt.compare_rules(warpopt.FrustumView(FRUSTUM, theta), "ssm")
 
 
 def test_regions_of_a_known_function():

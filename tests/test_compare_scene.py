@@ -20,7 +20,7 @@ from warpopt.rules import Body
 EPS = np.finfo(float).eps
 PHI = math.radians(30.0)
 CAMERA = warpopt.Camera((0, 2, 0), (0, -0.1, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=0.45, aspect=1.6)
-BODY = warpopt.ConvexBody.box((-20, 0, -80), (20, 8, -5))
+BODY = warpopt.receivers.ConvexBody.box((-20, 0, -80), (20, 8, -5))
 LIGHTS = np.array([[0.3, -1.0, -0.2], [0.5, -1.0, 0.8], [0.1, -0.2, -1.0]])
 
 
@@ -37,7 +37,7 @@ def lights_of(directions):
 
 @pytest.fixture(scope="module")
 def boxed():
-    return warpopt.compare_scene_rules(CAMERA, lights_of(LIGHTS), BODY, RULES, "pxq")
+    return warpopt.compare_rules(warpopt.SceneView(CAMERA, lights_of(LIGHTS), BODY), RULES, warpopt.Objective("pxq"))
 
 
 def test_over_the_whole_frustum_it_is_the_frustum_s_comparison():
@@ -48,9 +48,9 @@ def test_over_the_whole_frustum_it_is_the_frustum_s_comparison():
     camera = warpopt.Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=PHI)
     theta = np.deg2rad([12.0, 35.0, 90.0])
     directions = np.stack([0 * theta, -np.sin(theta), -np.cos(theta)], -1)
-    everything = warpopt.ConvexBody.box((-500, -500, -500), (500, 500, 500))
-    scene = warpopt.compare_scene_rules(camera, lights_of(directions), everything, RULES, "pxq")
-    plain = warpopt.compare_rules(warpopt.ViewFrustum(1.0, 100.0, PHI), theta, RULES, "pxq")
+    everything = warpopt.receivers.ConvexBody.box((-500, -500, -500), (500, 500, 500))
+    scene = warpopt.compare_rules(warpopt.SceneView(camera, lights_of(directions), everything), RULES, warpopt.Objective("pxq"))
+    plain = warpopt.compare_rules(warpopt.FrustumView(warpopt.ViewFrustum(1.0, 100.0, PHI), theta), RULES, warpopt.Objective("pxq"))
     assert scene.names == plain.names
     np.testing.assert_array_equal(scene.defined, plain.defined)
     np.testing.assert_allclose(scene.eta, plain.eta, rtol=1e4 * EPS)
@@ -91,7 +91,7 @@ def test_limits_are_those_that_are_known():
     """Each light's own; of the maximum of E_p and E_q the larger; where there is none, the reason in words."""
     problem = CAMERA, lights_of(LIGHTS[:2]), BODY
     lights = [warpopt.DirectionalLight(direction) for direction in LIGHTS[:2]]
-    each = {metric: [warpopt.scene_limit(CAMERA, light, BODY, metric) for light in lights] for metric in ("p", "q")}
+    each = {metric: [warpopt.lower_bound(warpopt.SceneView(CAMERA, light, BODY), warpopt.Objective(metric)) for light in lights] for metric in ("p", "q")}
     for metric, expected in (*each.items(), ("max", np.maximum(each["p"], each["q"]))):
         found, reason = scene_comparison._limits(*problem, metric, "inf", None, None)
         np.testing.assert_allclose(found, expected, rtol=10 * EPS)
@@ -103,14 +103,14 @@ def test_limits_are_those_that_are_known():
 def test_scene_error_norm_is_least_at_the_optimum(boxed, vertices):
     light, best = warpopt.DirectionalLight(LIGHTS[0]), of_light(boxed.solution, 0)
     eta = np.array([0.5, 1.0, 2.0]) * float(best.warp.eta)
-    values = warpopt.scene_error_norm(CAMERA, light, BODY, eta, "pxq")
+    values = warpopt.error_norm(warpopt.SceneView(CAMERA, light, BODY), eta, warpopt.Objective("pxq"))
     np.testing.assert_allclose(values, largest(best, vertices, eta), rtol=100 * EPS)
     assert values[1] == pytest.approx(float(best.value), rel=10 * EPS)
     assert values[0] > values[1] < values[2]
     with pytest.raises(ValueError, match=r"eta: got 0.0, expected numbers in \(0, 1\]"):
-        warpopt.scene_error_norm(CAMERA, light, BODY, 0.0)
+        warpopt.error_norm(warpopt.SceneView(CAMERA, light, BODY), 0.0)
     with pytest.raises(ValueError, match="receivers: got int"):
-        warpopt.scene_error_norm(CAMERA, light, 3, 0.5)
+        warpopt.error_norm(warpopt.SceneView(CAMERA, light, 3), 0.5)
 
 
 def test_rules_are_applied_to_the_receivers_and_a_users_keeps_its_apex(boxed, vertices):
@@ -138,8 +138,8 @@ def test_rules_are_applied_to_the_receivers_and_a_users_keeps_its_apex(boxed, ve
 
 def test_a_body_that_is_the_frustum_gives_the_frustum_s_warps():
     frustum, theta = warpopt.ViewFrustum(1.0, 100.0, PHI), np.deg2rad(np.array([35.0, 120.0]))
-    space = warpopt.LightSpace(frustum, jnp.asarray(theta))
-    whole = Body(frustum.near, frustum.far, frustum.half_fov, space.minimum_depth, space.mu, frustum.near, frustum.far)
+    space = warpopt.theory.LightSpace(frustum, jnp.asarray(theta))
+    whole = Body(frustum.near, frustum.far, frustum.half_fov, space.start, space.mu, frustum.near, frustum.far)
     every = [rule for name, rule in KNOWN.items() if name != "tsm_alternative"]  # which is of the frustum alone
     pairs = jax.jit(lambda: [[rule(body, theta) for body in (whole, frustum)] for rule in every])()
     for got, expected in pairs:
@@ -151,9 +151,9 @@ def test_a_body_that_is_the_frustum_gives_the_frustum_s_warps():
     ("receivers", "near", "far"),
     [
         (None, 1.0, 100.0),
-        (warpopt.DepthBuffer(np.array([[7.0, 0.0], [30.0, 200.0]])), 7.0, 30.0),  # 0 and beyond far: background
-        (warpopt.DepthHistogram((0.5, 2.0, 9.0, 40.0), (0.0, 3.0, 1.0)), 2.0, 40.0),
-        (warpopt.PointReceivers([[0, 2, -7.0], [0, 2, -30.0], [0, 2, 5.0]]), 7.0, 30.0),  # the last is behind
+        (warpopt.receivers.DepthBuffer(np.array([[7.0, 0.0], [30.0, 200.0]])), 7.0, 30.0),  # 0 and beyond far: background
+        (warpopt.receivers.DepthHistogram((0.5, 2.0, 9.0, 40.0), (0.0, 3.0, 1.0)), 2.0, 40.0),
+        (warpopt.receivers.PointReceivers([[0, 2, -7.0], [0, 2, -30.0], [0, 2, 5.0]]), 7.0, 30.0),  # the last is behind
     ],
 )
 def test_rules_are_told_the_nearest_and_farthest_depth_that_is_seen(receivers, near, far):
@@ -166,12 +166,12 @@ def test_rules_are_told_the_nearest_and_farthest_depth_that_is_seen(receivers, n
 
 
 def test_an_empty_scene_and_bad_lights():
-    away = warpopt.ConvexBody.box((-1, -1, 10), (1, 1, 20))  # behind the camera
-    result = warpopt.compare_scene_rules(CAMERA, lights_of(LIGHTS), away, RULES, "pxq")
+    away = warpopt.receivers.ConvexBody.box((-1, -1, 10), (1, 1, 20))  # behind the camera
+    result = warpopt.compare_rules(warpopt.SceneView(CAMERA, lights_of(LIGHTS), away), RULES, warpopt.Objective("pxq"))
     assert np.isnan(result.ratio).all()
     assert result.worst("lispsm_paper").index == -1
     with pytest.raises(ValueError, match="lights: got"):
-        warpopt.compare_scene_rules(CAMERA, warpopt.DirectionalLight((0, -1, 0)), BODY)
+        warpopt.compare_rules(warpopt.SceneView(CAMERA, warpopt.DirectionalLight((0, -1, 0)), BODY))
 
 
 def test_the_command_over_a_box(tmp_path, monkeypatch, boxed):

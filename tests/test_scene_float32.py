@@ -44,10 +44,10 @@ def test_single_precision_is_as_good_as_its_rounding(kind, metric, norm):
     )
     single = jax.tree.map(lambda v: v.astype(np.float32), double)
     for direction in LIGHTS:
-        exact = scene_warp(double, DirectionalLight(direction.astype(float)), receivers(np.float64)[kind], metric, norm)
-        found = scene_warp(single, DirectionalLight(direction), receivers(np.float32)[kind], metric, norm)
+        exact = optimal_warp(SceneView(double, DirectionalLight(direction.astype(float)), receivers(np.float64)[kind]), Objective(metric, norm))
+        found = optimal_warp(SceneView(single, DirectionalLight(direction), receivers(np.float32)[kind]), Objective(metric, norm))
         assert found.warp.eta.dtype == np.float32
         np.testing.assert_allclose(found.value, exact.value, rtol=3 * 16 * EPS / min(float(exact.warp.eta), 0.05))
-        matrix = warpopt.shadow_matrix(single, DirectionalLight(direction), found.footprint, found.warp)
+        matrix = warpopt.shadow_matrix(warpopt.SceneView(single, DirectionalLight(direction), found.footprint), found.warp)
         assert matrix.dtype == np.float32
         assert jnp.isfinite(matrix).all()

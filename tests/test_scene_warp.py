@@ -27,10 +27,10 @@ def test_on_the_yz_plane_it_is_the_closed_form(metric, norm, measure):
     camera = Camera(shift, rotation @ jnp.array([0, 0, -1.0]), rotation @ jnp.array([0, 1.0, 0]), N, F, PHI)
 
     def solve(direction):
-        return scene_warp(camera, DirectionalLight(direction), WholeFrustum(measure), metric, norm, throw=False)
+        return optimal_warp(SceneView(camera, DirectionalLight(direction), WholeFrustum(measure)), Objective(metric, norm), throw=False)
 
     found = jax.vmap(solve)(light_at(theta) @ rotation.T)
-    exact = warpopt.optimal_warp(warpopt.ViewFrustum(N, F, PHI), theta, metric, norm, measure)
+    exact = warpopt.optimal_warp(warpopt.FrustumView(warpopt.ViewFrustum(N, F, PHI), theta), warpopt.Objective(metric, norm, measure))
     np.testing.assert_allclose(found.warp.eta, exact.warp.eta, rtol=1e-12)
     np.testing.assert_allclose(found.value, exact.value, rtol=1e-12)
     np.testing.assert_allclose(found.warp.mu, exact.warp.mu, rtol=1e-12)
@@ -44,7 +44,7 @@ def test_the_sense_of_the_light_does_not_matter():
     """Light from behind and light towards the camera give one warp: planes, not senses, define W."""
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), N, F, PHI, 1.5)
     direction = np.array([0.4, -0.8, 0.3])
-    one, other = (scene_warp(camera, DirectionalLight(d), metric="pxq") for d in (direction, -direction))
+    one, other = (optimal_warp(SceneView(camera, DirectionalLight(d)), Objective("pxq")) for d in (direction, -direction))
     np.testing.assert_allclose(one.warp.eta, other.warp.eta, rtol=1e-12)
     np.testing.assert_allclose(one.value, other.value, rtol=1e-12)
 
@@ -86,7 +86,7 @@ def test_no_eta_is_better_by_brute_force(metric, order):
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), N, F, PHI)
     receivers = PointReceivers(points, weights)
     for direction in ((0.3, -1.0, -0.2), (-0.6, -0.2, 0.7)):
-        solution = scene_warp(camera, DirectionalLight(direction), receivers, metric, order)
+        solution = optimal_warp(SceneView(camera, DirectionalLight(direction), receivers), Objective(metric, order))
         etas = [float(solution.warp.eta), *np.geomspace(1e-4, 0.999, 2000)]
         at, *grid = brute_norms(points, weights, np.array(direction), etas, metric, order)
         assert abs(at / float(solution.value) - 1) < 1e-12
@@ -100,25 +100,25 @@ def test_no_eta_is_better_by_brute_force(metric, order):
 def test_resolutions_make_errors_pixels_per_texel_and_weigh_the_maximum():
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), N, F, PHI, 16 / 9)
     light = DirectionalLight((0, -1, 0))
-    plain = scene_warp(camera, light)
-    fine = scene_warp(camera, light, screen=(1920, 1080), shadow_map=(2048, 1024))
+    plain = optimal_warp(SceneView(camera, light))
+    fine = optimal_warp(SceneView(camera, light, screen=(1920, 1080), shadow_map=(2048, 1024)))
     # NDC per map to pixels per texel: half the pixels up the screen, over the texels along s.
     np.testing.assert_allclose(fine.value, plain.value * 1080 / 2 / 1024, rtol=1e-13)
     np.testing.assert_allclose(fine.warp.eta, plain.warp.eta, rtol=1e-13)
     values = [
-        scene_warp(camera, light, metric=m, screen=(1920, 1080), shadow_map=(64, 4096)).value for m in ("q", "max")
+        optimal_warp(SceneView(camera, light, screen=(1920, 1080), shadow_map=(64, 4096)), Objective(m)).value for m in ("q", "max")
     ]
     assert values[0] < values[1] * (1 + 1e-12)
     with pytest.raises(ValueError, match="screen: got None"):
-        scene_warp(camera, light, shadow_map=(1, 1))
+        optimal_warp(SceneView(camera, light, shadow_map=(1, 1)))
     with pytest.raises(ValueError, match="expected 'inf' with metric 'max'"):
-        scene_warp(camera, light, metric="max", norm="l2")
+        optimal_warp(SceneView(camera, light), Objective("max", "l2"))
 
 
 def test_max_lies_between_its_two_errors():
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), N, F, PHI)
     for direction in ((0, -1, 0), (0.5, -1, -1), (0.1, -0.1, 1)):
-        p, q, both = (scene_warp(camera, DirectionalLight(direction), metric=m) for m in ("p", "q", "max"))
+        p, q, both = (optimal_warp(SceneView(camera, DirectionalLight(direction)), Objective(m)) for m in ("p", "q", "max"))
         low, high = sorted([float(p.warp.eta), float(q.warp.eta)])
         assert low * (1 - 1e-9) <= both.warp.eta <= high * (1 + 1e-9)
         assert both.value >= max(p.value, q.value) * (1 - 1e-12)
@@ -139,7 +139,7 @@ def test_outcomes_that_are_no_errors(dtype):
         (WholeFrustum(), "p", DirectionalLight(np.array([0, 1e-12, 1], dtype)), Outcome.no_warp),
     ]  # fmt: skip
     for receivers, metric, light, expected in cases:
-        solution = scene_warp(camera, light, receivers, metric)
+        solution = optimal_warp(SceneView(camera, light, receivers), Objective(metric))
         assert Outcome(int(solution.result)) == expected
         # exp(log(1e-4)) carries |log| eps
         np.testing.assert_allclose(
@@ -147,7 +147,7 @@ def test_outcomes_that_are_no_errors(dtype):
         )
         assert jnp.isfinite(solution.value)
         assert solution.warp.eta.dtype == dtype
-        matrix = warpopt.shadow_matrix(camera, light, solution.footprint, solution.warp)
+        matrix = warpopt.shadow_matrix(warpopt.SceneView(camera, light, solution.footprint), solution.warp)
         assert jnp.isfinite(matrix).all()
         assert Outcome(int(solution.result)).succeeded
         if expected in (Outcome.empty, Outcome.flat):
@@ -159,12 +159,12 @@ def test_the_margin_decides_before_solving():
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), N, F, PHI)
     for theta in (0.001, 0.05, 0.3, 1.2):
         light = DirectionalLight(light_at(jnp.array(theta)))
-        solution = scene_warp(camera, light, metric="pxq", norm="l2")
+        solution = optimal_warp(SceneView(camera, light), Objective("pxq", "l2"))
         assert (solution.margin > 0) == (solution.warp.eta < 1)
         step = 1e-5
         frustum = warpopt.ViewFrustum(N, F, PHI)
         norms = [
-            warpopt.error_norm(frustum, theta, warpopt.Warp.from_eta(eta, 1.0), "pxq", "l2") for eta in (1, 1 - step)
+            warpopt.error_norm(warpopt.FrustumView(frustum, theta), warpopt.Warp.from_eta(eta, 1.0), warpopt.Objective("pxq", "l2")) for eta in (1, 1 - step)
         ]
         # one-sided difference of step 1e-5
         np.testing.assert_allclose(solution.margin, jnp.log(norms[0] / norms[1]) / step, rtol=1e-3, atol=1e-4)
@@ -180,8 +180,8 @@ def test_one_call_for_an_animation():
         camera = Camera(jnp.zeros(3), forward, jnp.array([0.0, 1, 0]), N, F, PHI)
         body = ConvexBody.box(jnp.array([-30.0, -3, -30]), jnp.array([30.0, 2, 30]))
         light = DirectionalLight(direction)
-        solution = scene_warp(camera, light, body, throw=False)
-        return solution, warpopt.shadow_matrix(camera, light, solution.footprint, solution.warp)
+        solution = optimal_warp(SceneView(camera, light, body), throw=False)
+        return solution, warpopt.shadow_matrix(warpopt.SceneView(camera, light, solution.footprint), solution.warp)
 
     directions = jnp.stack([0.3 * jnp.ones(frames), -jnp.ones(frames), jnp.cos(angle)], 1)
     solutions, matrices = jax.jit(jax.vmap(solve))(forward, directions)

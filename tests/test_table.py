@@ -30,7 +30,7 @@ def test_the_promise_is_kept_with_few_knots(table):
     theta = np.concatenate([theta, table.theta.ravel(), [np.pi / 6, np.nextafter(np.pi / 6, 0)]])
     theta = np.clip(theta, 0, np.pi / 2)
     warp = warpopt.Warp.from_eta(table.eta_numpy(theta), 1.0)
-    regret = warpopt.error_norm(FRUSTUM, theta, warp) / warpopt.optimal_warp(FRUSTUM, theta).value - 1
+    regret = warpopt.error_norm(warpopt.FrustumView(FRUSTUM, theta), warp) / warpopt.optimal_warp(warpopt.FrustumView(FRUSTUM, theta)).value - 1
     assert regret.max() <= 1e-3
     assert 0.5e-3 < table.achieved <= 1e-3  # nothing is wasted
     assert regret.max() <= table.achieved * (1 + 1e-9)
@@ -43,7 +43,7 @@ def test_a_steep_kink_is_met_on_the_far_side_too():
     theta = np.float32(np.linspace(np.pi - 0.53, np.pi - 0.52, 40_001))
     exact = np.pi - theta.astype(float)
     warp = warpopt.Warp.from_eta(table.eta_numpy(theta).astype(float), 1.0)
-    regret = warpopt.error_norm(frustum, exact, warp) / warpopt.optimal_warp(frustum, exact).value - 1
+    regret = warpopt.error_norm(warpopt.FrustumView(frustum, exact), warp) / warpopt.optimal_warp(warpopt.FrustumView(frustum, exact)).value - 1
     assert 1e-5 < regret.max() <= 1e-4
 
 
@@ -53,10 +53,10 @@ def test_other_objectives_keep_their_promise_too(metric, norm, knots):
     table = build_table(FRUSTUM, metric, norm)
     theta = np.random.default_rng(98).uniform(0, np.pi / 2, 20_000)
     theta = np.concatenate([theta, np.float32(table.theta.ravel()), np.radians(30.5) + np.linspace(-1e-3, 1e-3, 2001)])
-    best = warpopt.optimal_warp(FRUSTUM, theta, metric, norm).value
+    best = warpopt.optimal_warp(warpopt.FrustumView(FRUSTUM, theta), warpopt.Objective(metric, norm)).value
     for dtype in (np.float64, np.float32):
         warp = warpopt.Warp.from_eta(table.eta_numpy(theta.astype(dtype)).astype(float), 1.0)
-        assert (warpopt.error_norm(FRUSTUM, theta, warp, metric, norm) / best - 1).max() <= 1e-3
+        assert (warpopt.error_norm(warpopt.FrustumView(FRUSTUM, theta), warp, warpopt.Objective(metric, norm)) / best - 1).max() <= 1e-3
     assert table.theta.shape[-1] <= knots
 
 
@@ -70,10 +70,10 @@ def test_a_table_over_far_near_has_few_rows():
     theta, ratio = rng.uniform(0, np.pi / 2, 60_000), 20 * 10 ** rng.random(60_000)
     ratio[:200] = table.depth_ratio[1]
     frustum = warpopt.ViewFrustum(1.0, ratio, np.pi / 6)
-    best = warpopt.optimal_warp(frustum, theta).value
+    best = warpopt.optimal_warp(warpopt.FrustumView(frustum, theta)).value
     for dtype in (np.float64, np.float32):
         eta = table.eta_numpy(theta.astype(dtype), ratio.astype(dtype)).astype(float)
-        regret = np.asarray(warpopt.error_norm(frustum, theta, warpopt.Warp.from_eta(eta, 1.0)) / best - 1)
+        regret = np.asarray(warpopt.error_norm(warpopt.FrustumView(frustum, theta), warpopt.Warp.from_eta(eta, 1.0)) / best - 1)
         assert 0.5e-3 < regret.max() <= 1e-3 * (1 + 1e-4)  # single precision's own
 
 
@@ -145,11 +145,11 @@ def test_a_table_of_several_rows_keeps_its_promise_everywhere(wide):
     theta, ratio, fov = rng.uniform(0.1, 1.5, 40_000), 20 * 4 ** rng.random(40_000), rng.uniform(0.4, 0.5, 40_000)
     ratio[:100], fov[100:200] = 80.0, 0.4
     frustum = warpopt.ViewFrustum(1.0, ratio, fov)
-    best = warpopt.optimal_warp(frustum, theta).value
+    best = warpopt.optimal_warp(warpopt.FrustumView(frustum, theta)).value
     for dtype in (np.float64, np.float32):
         eta = wide.eta_numpy(theta.astype(dtype), ratio.astype(dtype), fov.astype(dtype))
         warp = warpopt.Warp.from_eta(eta.astype(float), 1.0)
-        regret = np.asarray(warpopt.error_norm(frustum, theta, warp) / best - 1)
+        regret = np.asarray(warpopt.error_norm(warpopt.FrustumView(frustum, theta), warp) / best - 1)
         assert regret.max() <= 0.05 * (1 + 1e-4)  # single precision's own
         assert regret.max() <= wide.achieved * 1.002  # the search has found the worst, or next to it
     by_jax = wide.eta(theta[:500], ratio[:500], fov[:500])
