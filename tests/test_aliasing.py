@@ -12,6 +12,7 @@ import warpopt
 
 EPS = np.finfo(np.float64).eps
 FRUSTUM, THETA = scenes.batch()
+VIEW = warpopt.FrustumView(FRUSTUM, THETA)
 LAM_OVER_MU = (1e-4, 0.03, 0.6, 40.0)
 U, DEPTH_FRACTION = (0.0, 0.3, 0.5, 0.9, 1.0), (0.0, 0.2, 0.7, 1.0)
 
@@ -56,7 +57,8 @@ def test_errors_equal_the_papers_corrected_form():
     eta = np.random.default_rng(3).uniform(0.05, 0.99, 200)
     a = np.maximum(np.sin(theta) - np.tan(phi) * np.cos(theta), 0)
     eta = np.maximum(eta, 1.01 * n * a / (n * a + mu))  # lambda >= n a, where the paper's F_q contains V
-    frustum, warp = warpopt.ViewFrustum(n, f, phi), warpopt.Warp.from_eta(eta, mu)
+    frustum = warpopt.ViewFrustum(n, f, phi)
+    warp = warpopt.Warp.from_eta(eta, warpopt.FrustumView(frustum, theta))
     got = [np.asarray(warpopt.theory.aliasing_error(frustum, theta, warp, y, z, metric)) for metric in ("p", "q")]
     for i in range(200):
         scene = twin.Scene(n[i], f[i], phi[i], theta[i])
@@ -73,7 +75,7 @@ def test_errors_equal_raw_geometry_everywhere(name):
     u, fraction, ratio = (v.ravel() for v in np.meshgrid(U, DEPTH_FRACTION, LAM_OVER_MU, indexing="ij"))
     u, fraction, ratio = u[:, None], fraction[:, None], ratio[:, None]
     z = FRUSTUM.near * (1 - fraction) + FRUSTUM.far * fraction
-    warp = warpopt.Warp.from_range_ratio(jnp.asarray(1 / ratio), jnp.asarray(1.0))
+    warp = warpopt.Warp.from_range_ratio(jnp.asarray(1 / ratio), VIEW)
     got = np.asarray(warpopt.theory.aliasing_error_uz(FRUSTUM, THETA, warp, u, z, name))
     for j, (scene, theta) in enumerate(zip(scenes.twins(), THETA, strict=True)):
         side = 1 if theta <= np.pi / 2 else -1
@@ -98,7 +100,8 @@ def test_the_errors_are_derivatives_along_lines():
     n, f, phi, theta, lam, mu, x, y, z = random_views(300, 4)
     rng = np.random.default_rng(5)
     kx, ky = rng.uniform(-3, 3, (2, 300))
-    frustum, warp = warpopt.ViewFrustum(n, f, phi), warpopt.Warp.from_lam(lam, mu)
+    frustum = warpopt.ViewFrustum(n, f, phi)
+    warp = warpopt.Warp.from_lam(lam, warpopt.FrustumView(frustum, theta))
 
     def along(depth):
         at_x, at_y = kx * (depth - z) + x, ky * (depth - z) + y
@@ -132,7 +135,7 @@ def test_texture_coordinates_equal_raw_geometry_and_fill_the_map():
     twins = scenes.twins()
     x, y, z = (np.array([[float(c[k]) for c in s.corners] for s in twins]).T for k in range(3))
     for ratio in LAM_OVER_MU:
-        warp = warpopt.Warp.from_range_ratio(jnp.asarray(1 / ratio), jnp.asarray(1.0))
+        warp = warpopt.Warp.from_range_ratio(jnp.asarray(1 / ratio), VIEW)
         t, s = (np.asarray(v) for v in warpopt.theory.texture_coordinates(FRUSTUM, THETA, warp, x, y, z))
         for j, scene in enumerate(twins):
             lam = scene.lam(mpf(float(warp.eta)))
@@ -150,7 +153,7 @@ def test_the_local_form_is_the_global_one_on_the_axis_under_an_overhead_light():
     frustum = warpopt.ViewFrustum(2.0, 300.0, 0.6)
     z = jnp.linspace(2.0, 300.0, 40)
     for lam in (0.5, 2.0, 26.5, 1e3):
-        warp = warpopt.Warp.from_lam(lam, 298.0)
+        warp = warpopt.Warp.from_lam(lam, warpopt.FrustumView(frustum, np.pi / 2))
         printed_p = 298 / ((298 + lam) * lam * np.tan(0.6)) * (z - 2 + lam) ** 2 / z
         printed_q = 2 * 300 / (298 + lam) * (z - 2 + lam) / z
         for metric, printed in {"p": printed_p, "q": printed_q, "pxq": printed_p * printed_q}.items():
@@ -182,7 +185,7 @@ def test_mirror_of_the_light_is_the_mirror_of_the_scene():
     """theta -> pi - theta is y -> -y (exactly so in the twin; here to the rounding of pi - theta)."""
     theta = jnp.asarray([0.1, scenes.PHI, 1.0, 1.5])
     frustum = warpopt.ViewFrustum(1.0, 100.0, scenes.PHI)
-    warp = warpopt.Warp.from_eta(0.1, 1.0)
-    there = warpopt.theory.aliasing_error(frustum, theta, warp, 3.0, 20.0, "pxq")
-    here = warpopt.theory.aliasing_error(frustum, np.pi - theta, warp, -3.0, 20.0, "pxq")
+    here, mirrored = (warpopt.Warp.from_eta(0.1, warpopt.FrustumView(frustum, t)) for t in (theta, np.pi - theta))
+    there = warpopt.theory.aliasing_error(frustum, theta, here, 3.0, 20.0, "pxq")
+    here = warpopt.theory.aliasing_error(frustum, np.pi - theta, mirrored, -3.0, 20.0, "pxq")
     np.testing.assert_allclose(here, there, rtol=64 * EPS)

@@ -29,7 +29,9 @@ def test_closed_form_equals_iteration(alpha, beta):
     """Every direction in 0..pi, four views. Two formulas apart in structure; both within tens of eps of the truth."""
     metric = warpopt.Metric(alpha, beta)
     closed = warpopt.optimal_warp(warpopt.FrustumView(VIEWS, SWEEP), warpopt.Objective(metric, "inf"))
-    iterated = warpopt.optimal_warp(warpopt.FrustumView(VIEWS, SWEEP), warpopt.Objective(metric, "inf"), method="iterative")
+    iterated = warpopt.optimal_warp(
+        warpopt.FrustumView(VIEWS, SWEEP), warpopt.Objective(metric, "inf"), method="iterative"
+    )
     np.testing.assert_allclose(iterated.value, closed.value, rtol=64 * EPS)
     # the tie is a difference at theta near phi, eta's own condition number: lambda = Y - g
     np.testing.assert_allclose(iterated.warp.eta, closed.warp.eta, rtol=1e-12)
@@ -41,7 +43,9 @@ def test_closed_form_equals_iteration(alpha, beta):
 def test_closed_form_equals_the_search(alpha, beta):
     """Thirteen directions of the sweep, each view, to 1e-12 in eta; the regret to rounding."""
     chosen = slice(1, None, 5)
-    solution = warpopt.optimal_warp(warpopt.FrustumView(VIEWS, SWEEP), warpopt.Objective(warpopt.Metric(alpha, beta), "inf"))
+    solution = warpopt.optimal_warp(
+        warpopt.FrustumView(VIEWS, SWEEP), warpopt.Objective(warpopt.Metric(alpha, beta), "inf")
+    )
     eta, value = np.asarray(solution.warp.eta)[:, chosen], np.asarray(solution.value)[:, chosen]
     for i in range(4):
         near, far, half_fov = float(VIEWS.near[i, 0]), float(VIEWS.far[i, 0]), float(VIEWS.half_fov[i, 0])
@@ -110,7 +114,9 @@ def test_no_warp_zone_is_decided_by_one_sign():
     """E_p: no warp iff D sin(theta) <= n T (theta < phi); both sides of it, 1e-9 apart."""
     frustum = warpopt.ViewFrustum(1.0, 100.0, scenes.PHI)
     edge = np.arctan(np.tan(scenes.PHI) / 99)
-    solution = warpopt.optimal_warp(warpopt.FrustumView(frustum, np.array([edge * (1 - 1e-9), edge * (1 + 1e-9)])), warpopt.Objective("p", "inf"))
+    solution = warpopt.optimal_warp(
+        warpopt.FrustumView(frustum, np.array([edge * (1 - 1e-9), edge * (1 + 1e-9)])), warpopt.Objective("p", "inf")
+    )
     assert solution.result.tolist() == [warpopt.Outcome.no_warp, warpopt.Outcome.stationary]
     assert float(solution.warp.lam[0]) == np.inf
     assert float(solution.warp.lam_over_mu[1]) > 1e6

@@ -184,8 +184,9 @@ def test_storage_factor_is_constant_between_psm_and_lispsm():
     """WI: max E_p max E_q = 2 (f - n) / (n tan phi) for lambda in [n, n_opt], light overhead; larger outside."""
     constant = 2 * 99 / np.tan(scenes.PHI)
     lam = jnp.array([1.0, 2.0, 5.0, 8.0, 11.0, 0.9, 12.0])
-    warp = warpopt.Warp.from_lam(lam, 99.0)
-    p, q = (warpopt.error_norm(warpopt.FrustumView(PAPER, np.full(7, np.pi / 2)), warp, warpopt.Objective(metric)) for metric in ("p", "q"))
+    view = warpopt.FrustumView(PAPER, np.full(7, np.pi / 2))
+    warp = warpopt.Warp.from_lam(lam, view)
+    p, q = (warpopt.error_norm(view, warp, warpopt.Objective(metric)) for metric in ("p", "q"))
     np.testing.assert_allclose((p * q)[:5], constant, rtol=64 * EPS)
     assert bool(((p * q)[5:] > constant * 1.001).all())
 
@@ -196,7 +197,9 @@ def test_the_logarithmic_map_has_constant_e_p():
     ds = jax.vmap(jax.grad(lambda v: jnp.log(v) / jnp.log(100.0)))(z)
     dp = 1 / (z * np.tan(scenes.PHI))  # along y = z - b at the axis, up to the projection factor
     np.testing.assert_allclose(dp / ds, np.log(100.0) / np.tan(scenes.PHI), rtol=8 * EPS)
-    assert float(warpopt.optimal_warp(warpopt.FrustumView(PAPER, np.pi / 2), warpopt.Objective("p")).value) > np.log(100.0) / np.tan(scenes.PHI)
+    assert float(warpopt.optimal_warp(warpopt.FrustumView(PAPER, np.pi / 2), warpopt.Objective("p")).value) > np.log(
+        100.0
+    ) / np.tan(scenes.PHI)
 
 
 def test_rules_are_mirror_symmetric():

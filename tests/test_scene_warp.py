@@ -6,8 +6,20 @@ import numpy as np
 import pytest
 from scenes import turned
 
-import warpopt
-from warpopt import Camera, ConvexBody, DirectionalLight, Outcome, PointReceivers, WholeFrustum, scene_warp
+from warpopt import (
+    Camera,
+    DirectionalLight,
+    FrustumView,
+    Objective,
+    Outcome,
+    SceneView,
+    ViewFrustum,
+    Warp,
+    error_norm,
+    optimal_warp,
+    shadow_matrix,
+)
+from warpopt.receivers import ConvexBody, PointReceivers, WholeFrustum
 
 N, F, PHI = 0.5, 60.0, 0.55
 OBJECTIVES = [("p", "inf", "screen"), ("q", "inf", "screen"), ("pxq", "l2", "volume"), ("p", "l1", "ground"),
@@ -26,11 +38,13 @@ def test_on_the_yz_plane_it_is_the_closed_form(metric, norm, measure):
     rotation, shift = turned(3)
     camera = Camera(shift, rotation @ jnp.array([0, 0, -1.0]), rotation @ jnp.array([0, 1.0, 0]), N, F, PHI)
 
+    objective = Objective(metric, norm, measure)
+
     def solve(direction):
-        return optimal_warp(SceneView(camera, DirectionalLight(direction), WholeFrustum(measure)), Objective(metric, norm), throw=False)
+        return optimal_warp(SceneView(camera, DirectionalLight(direction)), objective, throw=False)
 
     found = jax.vmap(solve)(light_at(theta) @ rotation.T)
-    exact = warpopt.optimal_warp(warpopt.FrustumView(warpopt.ViewFrustum(N, F, PHI), theta), warpopt.Objective(metric, norm, measure))
+    exact = optimal_warp(FrustumView(ViewFrustum(N, F, PHI), theta), objective)
     np.testing.assert_allclose(found.warp.eta, exact.warp.eta, rtol=1e-12)
     np.testing.assert_allclose(found.value, exact.value, rtol=1e-12)
     np.testing.assert_allclose(found.warp.mu, exact.warp.mu, rtol=1e-12)
@@ -44,7 +58,9 @@ def test_the_sense_of_the_light_does_not_matter():
     """Light from behind and light towards the camera give one warp: planes, not senses, define W."""
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), N, F, PHI, 1.5)
     direction = np.array([0.4, -0.8, 0.3])
-    one, other = (optimal_warp(SceneView(camera, DirectionalLight(d)), Objective("pxq")) for d in (direction, -direction))
+    one, other = (
+        optimal_warp(SceneView(camera, DirectionalLight(d)), Objective("pxq")) for d in (direction, -direction)
+    )
     np.testing.assert_allclose(one.warp.eta, other.warp.eta, rtol=1e-12)
     np.testing.assert_allclose(one.value, other.value, rtol=1e-12)
 
@@ -106,10 +122,11 @@ def test_resolutions_make_errors_pixels_per_texel_and_weigh_the_maximum():
     np.testing.assert_allclose(fine.value, plain.value * 1080 / 2 / 1024, rtol=1e-13)
     np.testing.assert_allclose(fine.warp.eta, plain.warp.eta, rtol=1e-13)
     values = [
-        optimal_warp(SceneView(camera, light, screen=(1920, 1080), shadow_map=(64, 4096)), Objective(m)).value for m in ("q", "max")
+        optimal_warp(SceneView(camera, light, screen=(1920, 1080), shadow_map=(64, 4096)), Objective(m)).value
+        for m in ("q", "max")
     ]
     assert values[0] < values[1] * (1 + 1e-12)
-    with pytest.raises(ValueError, match="screen: got None"):
+    with pytest.raises(ValueError, match="screen: got none with shadow_map"):
         optimal_warp(SceneView(camera, light, shadow_map=(1, 1)))
     with pytest.raises(ValueError, match="expected 'inf' with metric 'max'"):
         optimal_warp(SceneView(camera, light), Objective("max", "l2"))
@@ -118,7 +135,9 @@ def test_resolutions_make_errors_pixels_per_texel_and_weigh_the_maximum():
 def test_max_lies_between_its_two_errors():
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), N, F, PHI)
     for direction in ((0, -1, 0), (0.5, -1, -1), (0.1, -0.1, 1)):
-        p, q, both = (optimal_warp(SceneView(camera, DirectionalLight(direction)), Objective(m)) for m in ("p", "q", "max"))
+        p, q, both = (
+            optimal_warp(SceneView(camera, DirectionalLight(direction)), Objective(m)) for m in ("p", "q", "max")
+        )
         low, high = sorted([float(p.warp.eta), float(q.warp.eta)])
         assert low * (1 - 1e-9) <= both.warp.eta <= high * (1 + 1e-9)
         assert both.value >= max(p.value, q.value) * (1 - 1e-12)
@@ -139,7 +158,8 @@ def test_outcomes_that_are_no_errors(dtype):
         (WholeFrustum(), "p", DirectionalLight(np.array([0, 1e-12, 1], dtype)), Outcome.no_warp),
     ]  # fmt: skip
     for receivers, metric, light, expected in cases:
-        solution = optimal_warp(SceneView(camera, light, receivers), Objective(metric))
+        view = SceneView(camera, light, receivers)
+        solution = optimal_warp(view, Objective(metric))
         assert Outcome(int(solution.result)) == expected
         # exp(log(1e-4)) carries |log| eps
         np.testing.assert_allclose(
@@ -147,7 +167,7 @@ def test_outcomes_that_are_no_errors(dtype):
         )
         assert jnp.isfinite(solution.value)
         assert solution.warp.eta.dtype == dtype
-        matrix = warpopt.shadow_matrix(warpopt.SceneView(camera, light, solution.footprint), solution.warp)
+        matrix = shadow_matrix(view, solution.warp)
         assert jnp.isfinite(matrix).all()
         assert Outcome(int(solution.result)).succeeded
         if expected in (Outcome.empty, Outcome.flat):
@@ -162,10 +182,8 @@ def test_the_margin_decides_before_solving():
         solution = optimal_warp(SceneView(camera, light), Objective("pxq", "l2"))
         assert (solution.margin > 0) == (solution.warp.eta < 1)
         step = 1e-5
-        frustum = warpopt.ViewFrustum(N, F, PHI)
-        norms = [
-            warpopt.error_norm(warpopt.FrustumView(frustum, theta), warpopt.Warp.from_eta(eta, 1.0), warpopt.Objective("pxq", "l2")) for eta in (1, 1 - step)
-        ]
+        view = FrustumView(ViewFrustum(N, F, PHI), theta)
+        norms = [error_norm(view, Warp.from_eta(eta, view), Objective("pxq", "l2")) for eta in (1, 1 - step)]
         # one-sided difference of step 1e-5
         np.testing.assert_allclose(solution.margin, jnp.log(norms[0] / norms[1]) / step, rtol=1e-3, atol=1e-4)
 
@@ -179,9 +197,9 @@ def test_one_call_for_an_animation():
     def solve(forward, direction):
         camera = Camera(jnp.zeros(3), forward, jnp.array([0.0, 1, 0]), N, F, PHI)
         body = ConvexBody.box(jnp.array([-30.0, -3, -30]), jnp.array([30.0, 2, 30]))
-        light = DirectionalLight(direction)
-        solution = optimal_warp(SceneView(camera, light, body), throw=False)
-        return solution, warpopt.shadow_matrix(warpopt.SceneView(camera, light, solution.footprint), solution.warp)
+        view = SceneView(camera, DirectionalLight(direction), body)
+        solution = optimal_warp(view, throw=False)
+        return solution, shadow_matrix(view, solution)
 
     directions = jnp.stack([0.3 * jnp.ones(frames), -jnp.ones(frames), jnp.cos(angle)], 1)
     solutions, matrices = jax.jit(jax.vmap(solve))(forward, directions)
