@@ -41,6 +41,9 @@ def compare_over_scene(view: SceneView, rules: dict[str, Rule], objective: Objec
         )
     count = len(view.light.direction)
     refuse_scene(_one_of(view, 0), objective)
+    lights = jax.tree.map(np.asarray, view.light)
+    for k in range(count):  # receivers may be one light's own
+        view.receivers.check(view.camera, jax.tree.map(lambda v, k=k: v[k], lights), objective)
     by_body = tuple(name for name, rule in rules.items() if takes_body(name, rule))
     by_apex = {name: rule for name, rule in rules.items() if name not in by_body}
     whole = _frusta(view)
