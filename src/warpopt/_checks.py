@@ -20,7 +20,9 @@ def float_arrays(**named: ArrayLike) -> list[Array]:
     values = {}
     for name, value in named.items():
         try:
-            values[name] = np.asarray(value) if isinstance(value, list | tuple) else value
+            # JAX takes None and the name of a dtype for a dtype.
+            plain = value is None or isinstance(value, list | tuple | str | type)
+            values[name] = np.asarray(value) if plain else value
             dtype = jnp.result_type(values[name])
         except (TypeError, ValueError):
             raise ValueError(f"{name}: got {value!r}, expected real numbers") from None
@@ -28,6 +30,27 @@ def float_arrays(**named: ArrayLike) -> list[Array]:
             raise ValueError(f"{name}: got values of type {dtype}, expected real numbers")
     dtype = jnp.result_type(*values.values(), float)
     return [jnp.asarray(value, dtype) for value in values.values()]
+
+
+def shown(value: Any) -> str:
+    """A value as it is written, or its type where that would take more than a line."""
+    text = repr(value)
+    return text if len(text) <= 60 and "\n" not in text else type(value).__name__
+
+
+def pair(name: str, value: Any, valid: Callable[[Any], Any], expected: str) -> tuple[float, float]:
+    """Two numbers, each valid.
+
+    Raises:
+        ValueError: naming the argument, what was got and what was expected.
+    """
+    try:
+        one, other = map(float, value)
+    except (TypeError, ValueError):
+        one = other = float("nan")
+    if not (valid(one) and valid(other)):
+        raise ValueError(f"{name}: got {shown(value)}, expected {expected}")
+    return one, other
 
 
 def instance(name: str, value: Any, kind: type) -> None:
@@ -38,7 +61,7 @@ def instance(name: str, value: Any, kind: type) -> None:
     """
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
-        raise ValueError(f"{name}: got {value!r}, expected {article} {kind.__name__}")
+        raise ValueError(f"{name}: got {shown(value)}, expected {article} {kind.__name__}")
 
 
 def assembled(kind: type, **fields: Any) -> Any:
