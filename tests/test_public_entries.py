@@ -59,9 +59,9 @@ VERBS = {
 CASES = [
     # what is no view
     *(
-        Case(f"{name}({type(view).__name__})", lambda verb=verb, view=view: verb(view), f"view: got {type(view).__name__}")
+        Case(f"{name}({type(v).__name__})", lambda verb=verb, v=v: verb(v), f"view: got {type(v).__name__}")
         for name, verb in VERBS.items()
-        for view in (FRUSTUM, CAMERA, SOLUTION, WholeFrustum(), None, 1.0)
+        for v in (FRUSTUM, CAMERA, SOLUTION, WholeFrustum(), None, 1.0)
     ),
     # what is no objective
     *(
@@ -111,9 +111,9 @@ CASES = [
         }.items()
     ),
     Case("one light", lambda: compare_rules(SCENE, "tsm"), "light: got direction of shape (3,), expected (T, 3)"),
-    Case("several frusta", lambda: compare_rules(FrustumView(ViewFrustum(1.0, [9, 9], 0.5), [1.0, 1.1])), "frustum: got"),
+    Case("several frusta", lambda: compare_rules(FrustumView(ViewFrustum(1.0, [9, 9], 0.5), [1, 1.1])), "frustum: got"),
     Case("several warps", lambda: shadow_matrix(SCENE, MANY), "warp: got shape (2,), expected one"),
-    Case("shapes", lambda: error_norm(FrustumView(FRUSTUM, np.ones(3)), MANY), "shapes: got "),
+    Case("shapes", lambda: error_norm(FrustumView(FRUSTUM, np.ones(3)), MANY), "shapes: got frustum ()"),
     # warps
     *(
         Case(f"{name}(warp={type(value).__name__})", lambda f=f, v=value: f(v), f"warp: got {words}")
@@ -125,7 +125,7 @@ CASES = [
     ),
     *(
         Case(f"Warp.from_eta({eta})", lambda eta=eta: Warp.from_eta(eta, VIEW), "eta: got ")
-        for eta in (0.0, -0.5, 1.0000001, NAN, math.inf, [0.5, NAN], "half", None)
+        for eta in (0.0, -0.5, 1.0000001, NAN, math.inf, [0.5, NAN], "half", "float32", float, None)
     ),
     *(
         Case(f"Warp.from_lam({lam})", lambda lam=lam: Warp.from_lam(lam, VIEW), "lam: got ")
@@ -146,7 +146,7 @@ CASES = [
     Case("aliasing_error metric", lambda: FOUND.aliasing_error(np.ones(3), "r"), "metric: got 'r'"),
     # options of the solver
     *(
-        Case(f"min_eta={value}", lambda v=value: verb(v), "min_eta: got ")
+        Case(f"min_eta={value}", lambda verb=verb, v=value: verb(v), "min_eta: got ")
         for verb in (
             lambda v: optimal_warp(SCENE, min_eta=v),
             lambda v: compare_rules(SEVERAL, "tsm", min_eta=v),
@@ -164,7 +164,7 @@ CASES = [
     Case("max over a frustum", lambda: optimal_warp(VIEW, Objective("max")), "metric: got 'max'"),
     # rules
     *(
-        Case(f"rules={rules!r}", lambda view=view, rules=rules: compare_rules(view, rules), "rules: got ")
+        Case(f"rules={rules!r:.20}", lambda view=view, rules=rules: compare_rules(view, rules), "rules: got ")
         for view in (FrustumView(FRUSTUM, [0.5, 1.0]), SEVERAL)
         for rules in (["lispsn"], [3], [], 3, {"mine": 3}, ["tsm", "tsm"], [SOLUTION])
     ),
@@ -224,7 +224,7 @@ def test_what_is_not_its_own_is_refused_in_one_sentence(case):
         case.call()
     words = str(error.value)
     assert words.startswith(case.words)
-    assert "expected " in words or "got 'tsm' twice" in words
+    assert "expected " in words or words.endswith("which are a frustum's")
     assert "\n" not in words
     assert len(words) < 400
 
