@@ -108,7 +108,8 @@ def shadow_matrix(
         (casters,) = float_arrays(casters=casters)
         if casters.ndim != 2 or casters.shape[1] != 3:
             raise ValueError(f"casters: got shape {casters.shape}, expected (N, 3)")
-        casters = checked("casters", casters, lambda v: jnp.isfinite(v), "finite numbers")
+        if not isinstance(casters, jax.core.Tracer):  # of traced ones, a NaN shows in the matrix
+            casters = checked("casters", casters, lambda v: jnp.isfinite(v), "finite numbers")
     matrix, lost = _matrix(view, warp, casters, clip_space, tuple(padding))
     refuse_lost(lost)
     return matrix

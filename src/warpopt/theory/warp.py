@@ -167,7 +167,7 @@ def refuse_lost(lost: Bool[Array, "..."]) -> None:
 def _with_extent(name: str, value: ArrayLike, body: Body) -> tuple[Array, Array, Array]:
     if not (hasattr(body, "start") and hasattr(body, "mu")):
         raise ValueError(
-            f"body: got {type(body).__name__}, expected a FrustumView, a footprint, an Extent: what has a start and a mu"
+            f"body: got {type(body).__name__}, expected what has a start and a mu, as a FrustumView or an Extent has"
         )
     value, start, mu = float_arrays(**{name: value, "start": body.start, "mu": body.mu})
     return value, start, checked("mu", mu, lambda v: v > 0, "a length > 0")

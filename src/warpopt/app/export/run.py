@@ -2,10 +2,11 @@
 
 from pathlib import Path
 
+from warpopt._data_files import DataFileError
 from warpopt.export.closed_form import closed_form_source
 from warpopt.export.languages import LANGUAGES
 from warpopt.export.lookup import source
-from warpopt.table.files import TableFileError, encoded, load
+from warpopt.table.files import encoded_table, load
 
 from ..common.output import whole_files
 from ..common.settings import ConfigError
@@ -28,14 +29,14 @@ def export(request: ExportRequest) -> int:
     else:
         try:
             table = load(request.table)
-        except TableFileError as error:
+        except DataFileError as error:
             raise ConfigError(str(error)) from None
         stem = request.table.stem
         for form in languages:
             contents[directory / f"{stem}{form.suffix}"] = source(table, form, request.prefix).encode()
         for name in request.data:
             path = directory / f"{stem}.{name}"
-            contents[path] = encoded(table, path)
+            contents[path] = encoded_table(table, path)
     whole_files(contents)
     for path in contents:
         print(f"Written: {path}")

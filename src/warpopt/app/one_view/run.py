@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import rich
+from jax.typing import ArrayLike
 from rich.table import Table
 
 import warpopt
@@ -19,13 +20,15 @@ from ..frusta.solve import OptimumCurves, compute_sweep
 from .settings import Problem
 
 
-def _frustum(problem: Problem) -> "warpopt.ViewFrustum":
-    return warpopt.ViewFrustum(problem.near, problem.far, math.radians(problem.half_fov_deg))
+def _view(problem: Problem, theta: ArrayLike) -> "warpopt.FrustumView":
+    return warpopt.FrustumView(
+        warpopt.ViewFrustum(problem.near, problem.far, math.radians(problem.half_fov_deg)), theta
+    )  # fmt: skip
 
 
 def _swept(problem: Problem) -> OptimumCurves:
     view = View(problem.near, problem.far, problem.half_fov_deg)
-    sweep = compute_sweep((view,), (), [problem.theta_deg], [problem.metric], [problem.norm], problem.measure)
+    sweep = compute_sweep((view,), (), [problem.theta_deg], [problem.objective_value()])
     return sweep.optima[0]
 
 
@@ -55,7 +58,7 @@ def _no_limit_because(optimum: OptimumCurves) -> str | None:
 
 
 def _objective(problem: Problem) -> str:
-    return f"E_{problem.metric}, norm {problem.norm}, measure {problem.measure}"
+    return f"{problem.objective_value().title}, measure {problem.measure}"
 
 
 def _shown(value: Any, no_warp: bool = False, digits: int = 10) -> str:
@@ -84,10 +87,10 @@ def solve(problem: Problem, as_json: bool) -> int:
 def rules(problem: Problem, as_json: bool) -> int:
     """Print every rule, published and engines', beside the optimum; 0 if the optimum was found, 1 if not."""
     answer = _optimum(problem, _swept(problem))
-    frustum, theta = _frustum(problem), [math.radians(problem.theta_deg)]
-    compared = warpopt.compare_rules(frustum, theta, None, problem.metric, problem.norm, problem.measure)
-    warps = warpopt.Warp.from_eta(compared.eta[:, 0], compared.solution.warp.mu)
-    over_limit = None if compared.over_limit is None else compared.over_limit[:, 0]
+    view = _view(problem, [math.radians(problem.theta_deg)])
+    compared = warpopt.compare_rules(view, None, problem.objective_value())
+    warps = warpopt.Warp.from_eta(compared.eta[:, 0], compared.solution.warp)
+    over_limit = None if compared.over_bound is None else compared.over_bound[:, 0]
     rows = {
         name: {
             "lambda": finite_or_none(warps.lam[i]) if defined else None,
@@ -127,7 +130,8 @@ def write_limit_map(problem: Problem, files: Sequence[Path]) -> int:
         OSError: a file cannot be written; all are then as they were.
     """
     try:
-        best = warpopt.limit_map(_frustum(problem), math.radians(problem.theta_deg), problem.norm, problem.measure)
+        objective = warpopt.Objective("p", problem.norm, problem.measure)
+        best = warpopt.lower_bound_map(_view(problem, math.radians(problem.theta_deg)), objective)
     except ValueError as error:
         raise ConfigError(str(error)) from None
     whole_files({path: best.encoded(path) for path in files})
