@@ -94,7 +94,9 @@ def test_the_readme_goes_from_an_empty_folder_to_a_look_up(tmp_path):
     frustum = warpopt.ViewFrustum(0.1, 300.0, np.pi / 6)
     view = warpopt.FrustumView(frustum, 1.0)
     best = warpopt.optimal_warp(view)
-    assert 1 <= warpopt.error_norm(view, warpopt.Warp.from_lam(lam, view)) / best.value < 1.001 + 1e-5  # printed to six digits
+    assert (
+        1 <= warpopt.error_norm(view, warpopt.Warp.from_lam(lam, view)) / best.value < 1.001 + 1e-5
+    )  # printed to six digits
 
 
 def test_the_closed_form_needs_no_table(folder):
