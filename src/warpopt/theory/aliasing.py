@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
+from .._checks import instance
 from .._numerics import larger, power, smaller
 from ..objective import Metric, Objective
 from .light_space import LightDepth, LightSpace, checked_theta
@@ -51,6 +52,7 @@ def aggregate(terms: tuple[Metric, ...], e_p: Float[Array, "..."], e_q: Float[Ar
 
 def _over(warp: Warp, space: LightSpace) -> Warp:
     """The warp over V, whatever body it was made for."""
+    instance("warp", warp, Warp)
     own = warp.over(space)
     refuse_lost(warp.lost_over(own))
     return own

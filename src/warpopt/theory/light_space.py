@@ -13,7 +13,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import checked, float_arrays, joint_shape
+from .._checks import checked, float_arrays, joint_shape, shown
 from .._numerics import horner
 from .view_frustum import ViewFrustum
 
@@ -33,8 +33,11 @@ def checked_theta(theta: ArrayLike, frustum: ViewFrustum) -> Float[Array, "..."]
     """theta as an array of the frustum's dtype.
 
     Raises:
-        ValueError: outside [0, pi], or NaN, or of a shape that does not broadcast with the frustum.
+        ValueError: outside [0, pi], or NaN, or of a shape that does not broadcast with the frustum; what is no frustum
+            (a camera).
     """
+    if not (hasattr(frustum, "near") and hasattr(frustum, "half_fov")):
+        raise ValueError(f"frustum: got {shown(frustum)}, expected a ViewFrustum")
     theta, near = float_arrays(theta=theta, near=frustum.near)
     joint_shape(theta=theta, frustum=near)
     # float32(pi), which lies 9e-8 beyond pi: what a user of float32 can write, also after promotion.
