@@ -33,7 +33,7 @@ def main(monkeypatch):
 
 
 def test_stability_meets_every_target_on_a_slice(tmp_path, main):
-    arguments = ["--draws", "1500", "--references", "9", "--points", "60", "--combinations", "1", "--processes", "1"]
+    arguments = ["--draws", "1500", "--references", "9", "--points", "60", "--objectives", "1", "--processes", "1"]
     main("stability", *arguments, "--directory", str(tmp_path))
     summary = json.loads((tmp_path / "stability.json").read_text())
     assert summary["defects"] == []
