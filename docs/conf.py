@@ -6,6 +6,7 @@ reads the repository's root, so that links between pages and into the source hol
 and neither do its readers.
 """
 
+import functools
 import inspect
 import re
 from pathlib import Path
@@ -46,9 +47,7 @@ def directive(name: str) -> str:
     """What makes autodoc describe warpopt.<name>."""
     import warpopt
 
-    found = warpopt
-    for part in name.split("."):
-        found = getattr(found, part)
+    found = functools.reduce(getattr, name.split("."), warpopt)
     kind, options = ("class", "   :members:\n") if inspect.isclass(found) else ("function", "")
     return f"```{{eval-rst}}\n.. auto{kind}:: warpopt.{name}\n{options}```\n\n"
 

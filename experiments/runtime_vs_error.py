@@ -153,7 +153,8 @@ def measure_methods(arguments) -> list[dict]:
         for r in found:
             print(
                 f"{r['metric']:>4} {r['norm']:>4} {r['measure']:>7} {r['method']:<40} {r['effort']:<22} "
-                f"{r['ns_per_solve']:>12.1f} ns  eta {r['eta_error_median']:.1e} / {r['eta_error_worst']:.1e}  regret {r['regret_worst']:.1e}",
+                f"{r['ns_per_solve']:>12.1f} ns"
+                f"  eta {r['eta_error_median']:.1e} / {r['eta_error_worst']:.1e}  regret {r['regret_worst']:.1e}",
                 flush=True,
             )
         rows += found
@@ -161,14 +162,12 @@ def measure_methods(arguments) -> list[dict]:
 
 
 def draw(rows: list[dict], quantity: str, label: str, path: Path) -> None:
-    combinations = [o for o in OBJECTIVES if any(rows_of(rows, o, r["method"]) for r in rows)]
-    figure = Figure(figsize=(5.2 * min(3, len(combinations)), 3.9 * -(-len(combinations) // 3)), layout="constrained")
-    axes = figure.subplots(
-        -(-len(combinations) // 3), min(3, len(combinations)), squeeze=False, sharex=True, sharey=True
-    )
+    objectives = [o for o in OBJECTIVES if any(rows_of(rows, o, r["method"]) for r in rows)]
+    figure = Figure(figsize=(5.2 * min(3, len(objectives)), 3.9 * -(-len(objectives) // 3)), layout="constrained")
+    axes = figure.subplots(-(-len(objectives) // 3), min(3, len(objectives)), squeeze=False, sharex=True, sharey=True)
     methods = list(dict.fromkeys(r["method"] for r in rows))
     markers = "ooosssDD^^vvXXPP**"
-    for ax, objective in zip(axes.flat, combinations, strict=False):
+    for ax, objective in zip(axes.flat, objectives, strict=False):
         for i, method in enumerate(methods):
             points = rows_of(rows, objective, method)
             if points:
@@ -181,11 +180,11 @@ def draw(rows: list[dict], quantity: str, label: str, path: Path) -> None:
         ax.set_xlabel("time per solve (ns)")
     for ax in axes[:, 0]:
         ax.set_ylabel(label)
-    for ax in axes.flat[len(combinations) :]:
+    for ax in axes.flat[len(objectives) :]:
         ax.set_visible(False)
     handles, labels = axes.flat[0].get_legend_handles_labels()
     named = dict(zip(labels, handles, strict=True))
-    for ax in axes.flat[: len(combinations)]:
+    for ax in axes.flat[: len(objectives)]:
         named |= {k: v for v, k in zip(*ax.get_legend_handles_labels(), strict=True) if k not in named}
     figure.legend(named.values(), named.keys(), loc="outside right upper", fontsize=8, frameon=False)
     figure.savefig(path, dpi=150)
@@ -196,18 +195,18 @@ def performance(rows: list[dict], summary: dict) -> str:
     shown = {"warpopt": "warpopt", "SciPy elementwise.find_root": "SciPy find_root, vectorised"}
     shown |= {"SciPy elementwise.find_minimum": "SciPy find_minimum, vectorised", "optimistix BFGS": "optimistix BFGS"}
     shown["SciPy minimize_scalar, one at a time"] = "SciPy minimize_scalar, one at a time"
-    combinations = [warpopt.Objective(*names) for names in (("p", "inf"), ("p", "l2"), ("pxq", "l2"))]
+    objectives = [warpopt.Objective(*names) for names in (("p", "inf"), ("p", "l2"), ("pxq", "l2"))]
     lines, times = [], {}
     for method, name in shown.items():
         cells = [name]
-        for objective in combinations:
+        for objective in objectives:
             found = rows_of(rows, objective, method)
             if found:
                 best = min(found, key=lambda r: r["eta_error_median"])
                 unit = times.setdefault(objective, best["ns_per_solve"])
                 cells.append(f"{best['ns_per_solve'] / unit:,.0f}, {best['eta_error_median']:.0e}")
         lines.append(cells)
-    heads = ("method", *(f"E_{o.name} {o.norm}: time, error" for o in combinations))
+    heads = ("method", *(f"E_{o.name} {o.norm}: time, error" for o in objectives))
     own = ", ".join(f"{time:.0f}" for time in times.values())
     return markdown_table(heads, lines) + (
         f"\n\nTime per solve over warpopt's ({own} ns), and median relative error of eta, on random problems"

@@ -162,8 +162,7 @@ def reference_errors(answer: Answer) -> dict[str, float]:
     exact = problem.norm(answer.inputs["eta"])
     eps, k_eps = answer.eps, objective.metric.blend_power * answer.eps
     return {
-        "regret_over_k_eps": max(float(problem.norm(answer.eta) / best.value - 1), 0.0)
-        / (objective.metric.blend_power * eps),
+        "regret_over_k_eps": max(float(problem.norm(answer.eta) / best.value - 1), 0.0) / k_eps,
         "value_ulp": abs(float(mp.mpf(answer.value) / best.value - 1)) / eps,
         "norm_ulp": 0.0 if exact > answer.largest else abs(float(mp.mpf(answer.norm_at_eta) / exact - 1)) / eps,
         "eta_relative": abs(float(mp.mpf(answer.eta) / best.eta - 1)),
