@@ -6,7 +6,7 @@ from warpopt._data_files import DataFileError
 from warpopt.export.closed_form import closed_form_source
 from warpopt.export.languages import LANGUAGES
 from warpopt.export.lookup import source
-from warpopt.table.files import encoded_table, load
+from warpopt.table.lambda_table import LambdaTable
 
 from ..common.output import whole_files
 from ..common.settings import ConfigError
@@ -28,7 +28,7 @@ def export(request: ExportRequest) -> int:
             contents[directory / f"closed_form_{request.metric}{form.suffix}"] = text.encode()
     else:
         try:
-            table = load(request.table)
+            table = LambdaTable.load(request.table)
         except DataFileError as error:
             raise ConfigError(str(error)) from None
         stem = request.table.stem
@@ -36,7 +36,7 @@ def export(request: ExportRequest) -> int:
             contents[directory / f"{stem}{form.suffix}"] = source(table, form, request.prefix).encode()
         for name in request.data:
             path = directory / f"{stem}.{name}"
-            contents[path] = encoded_table(table, path)
+            contents[path] = table.encoded(path)
     whole_files(contents)
     for path in contents:
         print(f"Written: {path}")

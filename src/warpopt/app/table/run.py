@@ -4,7 +4,6 @@ import math
 import sys
 
 import warpopt
-from warpopt.table.files import encoded_table
 
 from ..common.output import whole_files
 from .settings import TableConfig
@@ -31,7 +30,7 @@ def run_table(config: TableConfig) -> int:
     except RuntimeError as error:
         print(f"warpopt: objective.max_regret: {error}", file=sys.stderr)
         return 1
-    whole_files({path: encoded_table(table, path)})
+    whole_files({path: table.encoded(path)})
     counts = [f"{len(table.depth_ratio)} far/near"] * (ratios is not None)
     counts += [f"{len(table.half_fov)} fields of view"] * (fovs is not None)
     rows = f" for each of {' by '.join(counts)}" if counts else ""
