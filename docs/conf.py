@@ -37,6 +37,7 @@ python_maximum_signature_line_length = 90
 napoleon_numpy_docstring = False
 napoleon_attr_annotations = False
 napoleon_use_ivar = True  # attributes are listed where the docstring lists them, and once
+suppress_warnings = ["ref.python"]  # of a name that several classes have, such as `start`, any will do
 
 ARRAY = "jaxlib._jax.Array"
 ARRAY_LIKE = f"~jax.{ARRAY} | ~numpy.ndarray | ~numpy.bool | ~numpy.number | bool | int | float | complex"
