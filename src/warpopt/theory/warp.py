@@ -22,7 +22,7 @@ class Body(Protocol):
 
     @property
     def mu(self) -> Float[Array, "..."]:
-        """LightDepth range along Z_w, > 0."""
+        """Depth range along Z_w, > 0."""
         ...
 
 
