@@ -4,6 +4,7 @@ import ast
 import csv
 import json
 import math
+import os
 import re
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 
 import warpopt
 from warpopt.app import cli
+from warpopt.app.common import output
 from warpopt.app.common.settings import ConfigError, read_config
 from warpopt.app.compare.settings import CompareConfig, SceneCompareConfig
 from warpopt.app.scene.settings import SceneConfig
@@ -65,16 +67,17 @@ def test_run_writes_a_table_that_reads_back_as_the_library_computes(folder, caps
         arrays = dict(file)
     for o, metric in enumerate(("p", "q")):
         theta = np.deg2rad(np.array([10.0, 30.0, 60.0, 90.0]))
-        solution = warpopt.optimal_warp(frustum, theta, metric, "inf")
+        view, objective = warpopt.FrustumView(frustum, theta), warpopt.Objective(metric)
+        solution = warpopt.optimal_warp(view, objective)
         mine = [r for r in rows if r["metric"] == metric]
         # Batches of other shapes may round differently in the last place; text and npz may not.
         np.testing.assert_allclose([float(r["eta"]) for r in mine], solution.warp.eta, rtol=4e-15)
-        limit = np.asarray(warpopt.limit(frustum, theta, metric))
+        limit = np.asarray(warpopt.lower_bound(view, objective))
         np.testing.assert_allclose([float(r["over_limit"]) for r in mine], solution.value / limit, rtol=1e-14)
         np.testing.assert_array_equal([float(r["limit"]) for r in mine], arrays["limit"][o, 0])
         np.testing.assert_array_equal([float(r["eta"]) for r in mine], arrays["eta"][o, 0])
         np.testing.assert_array_equal([float(r["lambda"]) for r in mine], arrays["lambda"][o, 0])
-        ratio = warpopt.error_norm(frustum, theta, warpopt.rules.lispsm(frustum, theta), metric) / solution.value
+        ratio = warpopt.error_norm(view, warpopt.rules.lispsm(frustum, theta), objective) / solution.value
         np.testing.assert_allclose([float(r["lispsm"]) for r in mine], ratio, rtol=1e-14)
         psm = list(arrays["rule"]).index("psm")
         np.testing.assert_array_equal([float(r["psm"]) for r in mine], arrays["ratio"][o, psm, 0])
@@ -100,7 +103,7 @@ def test_no_warp_is_inf_and_no_limit_nan_in_csv_and_both_null_in_strict_json(fol
     table = (folder / "out/table.csv").read_text()
     assert "10.0,1.0,100.0,30.0,q,inf,screen,1.0,inf,inf," in table
     assert [o["no_limit_because"] for o in record["objectives"][:2]] == [None, None]
-    assert record["objectives"][2]["no_limit_because"] == "No limit is known for a product of E_p and E_q."
+    assert record["objectives"][2]["no_limit_because"] == "No lower bound is known for a product of E_p and E_q."
     assert {row["over_limit"] for row in record["objectives"][2]["tables"][0]["rows"]} == {None}
     assert table.count("nan,nan,") == 4
     assert "the columns hold nan, for E_pxq in norm inf." in (folder / "out/report.md").read_text()
@@ -193,7 +196,7 @@ def test_solve_and_rules_answer_in_json(folder, capsys):
         "lambda": None, "lambda_over_mu": None, "no_warp": True, "defined": True, "ratio": pytest.approx(10.0),
         "over_limit": None,
     }  # fmt: skip
-    assert answer["optimum"]["no_limit_because"] == "No limit is known for E_q in L_2."
+    assert answer["optimum"]["no_limit_because"] == "No lower bound is known for E_q in L_2."
 
 
 def test_limit_writes_a_map_that_reads_back(folder, capsys):
@@ -203,7 +206,7 @@ def test_limit_writes_a_map_that_reads_back(folder, capsys):
     assert "E_p, norm inf, measure screen: 7.97639" in printed
     assert "2.15 times" in printed
     for name in ("new/best.csv", "best.json"):
-        assert warpopt.LimitMap.load(name).value == pytest.approx(math.sqrt(3) * math.log(100), rel=1e-13)
+        assert warpopt.BoundMap.load(name).value == pytest.approx(math.sqrt(3) * math.log(100), rel=1e-13)
     (folder / "mine.csv").write_text("1, 2")
     for files, words in (
         ([], "files: got none"),
@@ -340,3 +343,50 @@ def test_read_config_names_a_broken_file(folder):
     (folder / "broken.toml").write_text("[view\n")
     with pytest.raises(ConfigError, match="not a TOML file"):
         read_config(folder / "broken.toml", [], RunConfig)
+
+
+def test_what_a_killed_run_left_is_removed_by_the_next(tmp_path):
+    """Of processes that are gone, alone: another run of the same output may be at work."""
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    left, mine, other = (tmp_path / f".out.{name}.part" for name in (f"{gone.pid}-abc", f"{os.getpid()}-abc", "notes"))
+    for folder in (left, mine, other):
+        folder.mkdir()
+    aside = tmp_path / f".out.{gone.pid}-abd.old"
+    aside.mkdir()
+    (aside / output.MARK).write_text('{"files": ["run.json"]}')
+    with output.whole_folder(tmp_path / "out") as folder:
+        assert (tmp_path / "out" / output.MARK).exists()  # put back
+        (folder / "new").touch()
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([mine.name, other.name, "out"])
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["new"]
+
+
+@pytest.mark.parametrize("setting", ["flag", "variable"])
+def test_compiled_programs_are_kept_but_where_that_is_refused(tmp_path, setting):
+    """Twice the same answer and nothing on stderr; a cut program costs a compilation; none is kept if so asked."""
+    arguments = ["solve", "--near", "1", "--far", "100", "--half-fov-deg", "30", "--theta-deg", "60", "--json"]
+    kept = {**os.environ, "WARPOPT_CACHE": str(tmp_path / "kept")}
+    kept.pop("JAX_COMPILATION_CACHE_DIR", None)
+    answers = []
+    for _ in range(3):
+        found = subprocess.run([sys.executable, "-m", "warpopt.app.cli", *arguments], env=kept, capture_output=True)
+        assert (found.returncode, found.stderr) == (0, b"")
+        answers.append(json.loads(found.stdout))
+        programs = list((tmp_path / "kept").rglob("*-cache"))
+        assert programs
+        for program in programs:
+            program.write_bytes(program.read_bytes()[:-7])
+    assert answers[0] == answers[1] == answers[2]
+    without = (
+        kept | {"WARPOPT_CACHE": "0"} if setting == "variable" else kept | {"WARPOPT_CACHE": str(tmp_path / "none")}
+    )
+    words = arguments if setting == "variable" else [*arguments, "--no-cache"]
+    found = subprocess.run([sys.executable, "-m", "warpopt.app.cli", *words], env=without, capture_output=True)
+    assert json.loads(found.stdout) == answers[0]
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_misspelt_command_is_told_the_nearest(capsys):
+    assert invoke("solv") == 2
+    assert "got 'solv'" in capsys.readouterr().err

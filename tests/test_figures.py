@@ -21,6 +21,7 @@ from warpopt.app.sweep.figures import (
     write_figures,
 )
 from warpopt.app.sweep.frustum_figures import distributions, focus_region, fraction_text
+from warpopt.objective import Objective
 from warpopt.rules.registry import PUBLISHED
 
 jax.config.update("jax_enable_x64", True)
@@ -44,8 +45,7 @@ def synthetic_sweep(views=(PAPER,), context=(), theta_deg=None, metrics=("p", "q
     optima = tuple(
         OptimumCurves(
             *curves(),
-            metric,
-            norm,
+            Objective(metric, norm),
             np.ones(shape),
             np.zeros(shape, int),
             np.zeros(shape),
@@ -55,7 +55,7 @@ def synthetic_sweep(views=(PAPER,), context=(), theta_deg=None, metrics=("p", "q
         for metric in metrics
         for norm in norms
     )
-    return Sweep(tuple(views), tuple(context), theta_deg, "screen", rules, optima)
+    return Sweep(tuple(views), tuple(context), theta_deg, rules, optima)
 
 
 def render(figure):

@@ -26,9 +26,9 @@ def compare_rules(
     Args:
         view: a `FrustumView` of one frustum and (T,) increasing angles; or a `SceneView` whose light has a leading
             axis, as `jax.vmap(DirectionalLight)` makes it from (T, 3): directions in any order.
-        rules: a name of `warpopt.rules.PUBLISHED` or `ENGINES`, a callable (frustum, theta) -> Warp, a list of these, or a dict that
-            gives them names; every published and engine rule if None. A callable is given theta of shape (T,), or, if
-            it raises a TypeError or a ValueError at that, one angle at a time, which is slower.
+        rules: a name of `warpopt.rules.PUBLISHED` or `ENGINES`, a callable (frustum, theta) -> Warp, a list of these,
+            or a dict that gives them names; every published and engine rule if None. A callable is given theta of shape
+            (T,), or, if it raises a TypeError or a ValueError at that, one angle at a time, which is slower.
         objective: E_p in L-inf if None.
         min_eta: as in `optimal_warp`.
 

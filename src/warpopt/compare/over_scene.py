@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
-from .._checks import assembled
+from .._checks import assembled, trusted
 from ..bound.lower_bound import lower_bound
 from ..objective import Objective
 from ..rules.body import Body
@@ -92,7 +92,8 @@ def _over_lights(
         solution = solve_scene(eqx.tree_at(lambda v: v.light, view, light), objective, min_eta)
         footprint = solution.footprint
         body = _body(view.camera, view.receivers.depth_extent(view.camera), footprint, frustum.half_fov)
-        warps = [KNOWN[name](body, jnp.clip(solution.frame.theta, 0, jnp.pi)) for name in names]
+        with trusted():  # of a solution
+            warps = [KNOWN[name](body, jnp.clip(solution.frame.theta, 0, jnp.pi)) for name in names]
         eta, defined = [warp.eta for warp in warps], [warp.defined for warp in warps]
         if given is not None:
             kept = given.over(footprint)

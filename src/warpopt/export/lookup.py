@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..table.files import encoded_table
 from ..table.lambda_table import LambdaTable
 from .languages import Language
 from .program import ETA_NOTE, HOW_TO, LAMBDA_NOTE, NO_WARP, Function, Program, text_of
@@ -186,7 +185,7 @@ def source(table: LambdaTable, language: Language, prefix: str = "warpopt") -> s
 def _notes(table: LambdaTable) -> list[str]:
     # All that made the table, in the words of its configuration, and its identity: no file name, which may change.
     first, last = (math.degrees(table.theta[0, 0, k]) for k in (0, -1))
-    digest = hashlib.sha256(encoded_table(table, "table.json")).hexdigest()
+    digest = hashlib.sha256(table.encoded("table.json")).hexdigest()
     ratio, half_fov = (
         f"{axis[0]:.9g}" + (f" to {axis[-1]:.9g} ({len(axis)} rows)" if len(axis) > 1 else "")
         for axis in (table.depth_ratio, table.half_fov * (180 / math.pi))

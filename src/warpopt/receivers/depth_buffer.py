@@ -62,7 +62,7 @@ class DepthBuffer(Receivers):
         if encoding not in ("linear", "standard", "reversed"):
             raise ValueError(f"encoding: got {encoding!r}, expected 'linear', 'standard' or 'reversed'")
         if encoding == "linear":
-            self.depth = checked("depth", depth, lambda d: jnp.isfinite(d) & (d >= 0), "finite eye depths >= 0")
+            self.depth = checked("depth", depth, lambda d: (d >= 0) & (d < np.inf), "finite eye depths >= 0")
         else:
             self.depth = checked("depth", depth, lambda d: (d >= 0) & (d <= 1), "numbers in [0, 1]")
         self.encoding = encoding

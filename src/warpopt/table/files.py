@@ -2,13 +2,16 @@
 
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._data_files import DataFileError, digest_of, encoded, read_fields, write_whole
 from ..objective import Objective
-from .lambda_table import LambdaTable
 from .lookup import Rows
+
+if TYPE_CHECKING:
+    from .lambda_table import LambdaTable
 
 FORMAT = "warpopt.LambdaTable 2"
 _TEXT = ("metric", "norm", "measure", "version", "max_slope")
@@ -16,7 +19,7 @@ _NUMBERS = ("promised", "achieved", "worst_theta", "worst_depth_ratio", "worst_h
 _COLUMNS = ("depth_ratio", "half_fov", "theta", "eta")  # one entry for each knot of each row
 
 
-def save(table: LambdaTable, path: str | Path) -> None:
+def save(table: "LambdaTable", path: str | Path) -> None:
     """Write a table as .npz, .csv or .json, by the path's ending; byte for byte the same for the same table.
 
     Raises:
@@ -26,7 +29,7 @@ def save(table: LambdaTable, path: str | Path) -> None:
     write_whole(path, _fields(table), _columns(table))
 
 
-def encoded_table(table: LambdaTable, path: str | Path) -> bytes:
+def encoded_table(table: "LambdaTable", path: str | Path) -> bytes:
     """What `save` writes to the path.
 
     Raises:
@@ -35,8 +38,8 @@ def encoded_table(table: LambdaTable, path: str | Path) -> bytes:
     return encoded(path, _fields(table), _columns(table))
 
 
-def load(path: str | Path) -> LambdaTable:
-    """Read what `save` wrote.
+def load(path: str | Path, kind: type["LambdaTable"]) -> "LambdaTable":
+    """Read what `save` wrote; `kind` is the class.
 
     Raises:
         DataFileError: a file that is missing, truncated, edited into nonsense, of another format or a later version.
@@ -44,12 +47,12 @@ def load(path: str | Path) -> LambdaTable:
     path = Path(path)
     fields = read_fields(path, "table", _COLUMNS)
     try:
-        return _table(fields)
+        return _table(fields, kind)
     except ValueError as error:
         raise DataFileError(f"{path}: {error}") from None
 
 
-def _fields(table: LambdaTable) -> dict:
+def _fields(table: "LambdaTable") -> dict:
     slope = "none" if math.isinf(table.max_slope) else repr(table.max_slope)
     objective = table.objective
     text = dict(
@@ -60,13 +63,13 @@ def _fields(table: LambdaTable) -> dict:
     return {**fields, "digest": digest_of(fields, _columns(table))}
 
 
-def _columns(table: LambdaTable) -> dict[str, np.ndarray]:
+def _columns(table: "LambdaTable") -> dict[str, np.ndarray]:
     axes = table.depth_ratio[:, None, None], table.half_fov[:, None]
     columns = (*(np.broadcast_to(axis, table.theta.shape) for axis in axes), table.theta, table.knot_eta)
     return {name: column.ravel() for name, column in zip(_COLUMNS, columns, strict=True)}
 
 
-def _table(fields: dict) -> LambdaTable:
+def _table(fields: dict, kind: type["LambdaTable"]) -> "LambdaTable":
     """The table of a file's fields; ValueErrors say what is wrong with them."""
     found, digest = fields.pop("format", None), fields.pop("digest", None)
     if found != FORMAT:
@@ -88,7 +91,7 @@ def _table(fields: dict) -> LambdaTable:
         )
     metric, norm, measure, version = (str(fields[name]) for name in ("metric", "norm", "measure", "version"))
     promised, achieved, *worst = numbers
-    table = LambdaTable(
+    table = kind(
         *rows, Objective(metric, norm, measure),
         max_slope=slope, promised=promised, achieved=achieved, worst=tuple(worst), version=version,
     )  # fmt: skip

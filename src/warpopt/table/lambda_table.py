@@ -15,6 +15,7 @@ from ..objective import Objective
 from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
 from ..views import FrustumView
+from . import files
 from .lookup import Rows, lookup
 
 Outside = Literal["clamp", "error"]
@@ -117,21 +118,26 @@ class LambdaTable(eqx.Module):
         return Warp(eta, 1 - eta, view.start, view.mu, jnp.ones((), bool))
 
     def save(self, path: str | Path) -> None:
-        """Write it as .npz, .csv or .json; see `warpopt.table.files.save`."""
-        from .files import save
+        """Write it as .npz, .csv or .json, by the path's ending: whole or not at all, equal files for equal tables.
 
-        save(self, path)
+        Raises:
+            ValueError: another ending.
+            OSError: the file cannot be written; an earlier one is then as it was.
+        """
+        files.save(self, path)
 
-    @staticmethod
-    def load(path: str | Path) -> "LambdaTable":
-        """Read it back; see `warpopt.table.files.load`.
+    def encoded(self, path: str | Path) -> bytes:
+        """What `save` writes to the path; raises as it does for the ending."""
+        return files.encoded_table(self, path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> "LambdaTable":
+        """Read it back.
 
         Raises:
             DataFileError (a ValueError): a file that is missing, truncated, edited or foreign.
         """
-        from .files import load
-
-        return load(path)
+        return files.load(path, cls)
 
     def _check_single(self, **values: ArrayLike | None) -> None:
         """Refuse other values of an axis of one row than its own."""

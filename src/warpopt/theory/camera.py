@@ -141,7 +141,7 @@ class Camera(eqx.Module):
         window = checked(
             "window",
             window,
-            lambda w: jnp.isfinite(w) & (w[0] < w[1]) & (w[2] < w[3]),
+            lambda w: (abs(w) < np.inf) & (w[0] < w[1]) & (w[2] < w[3]),
             "finite slopes with left < right and bottom < top",
         )
         camera = cls(position, forward, up, near, far, 0.5, handedness=handedness)
@@ -208,7 +208,7 @@ def _vectors(**named: ArrayLike) -> list[Array]:
         if value.shape != (3,):
             raise ValueError(f"{name}: got shape {value.shape}, expected (3,); use jax.vmap for more than one")
     return [
-        checked(name, value, lambda v: jnp.isfinite(v), "finite numbers")
+        checked(name, value, lambda v: abs(v) < np.inf, "finite numbers")
         for name, value in zip(named, values, strict=True)
     ]
 

@@ -22,7 +22,7 @@ class Body(Protocol):
 
     @property
     def mu(self) -> Float[Array, "..."]:
-        """LightDepth range along Z_w, > 0."""
+        """Depth range along Z_w, > 0."""
         ...
 
 
@@ -167,7 +167,7 @@ def refuse_lost(lost: Bool[Array, "..."]) -> None:
 def _with_extent(name: str, value: ArrayLike, body: Body) -> tuple[Array, Array, Array]:
     if not (hasattr(body, "start") and hasattr(body, "mu")):
         raise ValueError(
-            f"body: got {type(body).__name__}, expected a FrustumView, a footprint, an Extent: what has a start and a mu"
+            f"body: got {type(body).__name__}, expected what has a start and a mu, as a FrustumView or an Extent has"
         )
     value, start, mu = float_arrays(**{name: value, "start": body.start, "mu": body.mu})
     start = checked("start", start, lambda v: abs(v) < jnp.inf, "a finite length")

@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 
 import warpopt
+from warpopt import theory
+from warpopt.objective import Objective
 
 from ...scene_files.scene_camera import SceneCamera
 
@@ -117,20 +119,15 @@ def section_of(camera: SceneCamera, planes: np.ndarray, mapping: Mapping, height
 
 
 def errors(mapping: Mapping, seen: Seen, metric: str, warped: bool) -> np.ndarray:
-    """(height, width): the error of each receiver; NaN where there is none.
-
-    E_p = density_p mu A^2 / (z eta) and E_q = density_q width A / z, with A = (1 - delta) eta + delta.
-    """
+    """(height, width): the error of each receiver, with A = (1 - delta) eta + delta; NaN where there is none."""
     eta, width = (mapping.eta, mapping.width) if warped else (1.0, mapping.plain_width)
     there = np.isfinite(seen.depth)
     z = np.where(there, seen.depth, 1)
     delta = np.clip((z * (seen.slopes @ mapping.z_axis) - mapping.start) / mapping.mu, 0, 1)
     blend = (1 - delta) * eta + delta
     density_p, density_q = mapping.densities
-    e_p = density_p * mapping.mu * blend**2 / (z * eta)
-    e_q = density_q * width * blend / z
-    error = {"p": e_p, "q": e_q, "pxq": e_p * e_q, "max": np.maximum(e_p, e_q)}[metric]
-    return np.where(there, error, np.nan)
+    e_p, e_q = theory.errors(blend, eta, density_p * mapping.mu / z, density_q * width / z)
+    return np.where(there, theory.aggregate(Objective(metric).terms, e_p, e_q), np.nan)
 
 
 def shading(seen: Seen, light: np.ndarray) -> np.ndarray:

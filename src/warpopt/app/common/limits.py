@@ -1,15 +1,6 @@
-"""What reports say of the limit, the best that any map of the depth could reach."""
+"""What reports say of the lower bound: the limit, the best that any map of the depth could reach."""
 
 import numpy as np
-
-from warpopt.solve.limit import unknown_limit
-from warpopt.theory.error_norm import ErrorNorm
-
-
-def no_limit_because(metric: str, norm: str | float) -> str | None:
-    """Why the results of an objective are no multiples of a limit, in words; None if they are."""
-    unknown = unknown_limit(ErrorNorm.of(metric, norm, "screen"))
-    return unknown and f"No limit is known for {unknown}."
 
 
 def least_and_largest(values: np.ndarray) -> tuple[float, float] | None:

@@ -1,7 +1,7 @@
 """What the commands' configurations share: their tables, and how file and command line are read. Knows no JAX."""
 
 import copy
-import math
+import itertools
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -9,6 +9,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pydantic
 from pydantic import Field
+
+from warpopt.objective import Measure, Objective, norm_name, order_of
 
 
 class ConfigError(Exception):
@@ -25,22 +27,17 @@ class Section(pydantic.BaseModel):
 Positive = Annotated[float, Field(gt=0, strict=True)]
 HalfFovDeg = Annotated[float, Field(gt=0, lt=90, strict=True)]
 ThetaDeg = Annotated[float, Field(ge=0, le=180, strict=True)]
-Measure = Literal["volume", "screen", "log_depth", "ground", "axis"]
 Metric = Literal["p", "q", "pxq"]
 
 
 def _norm(value: Any) -> Any:
-    """Orders may come as numbers or, from the command line, as their text."""
-    if isinstance(value, str) and value not in ("inf", "l1", "l2"):
-        try:
-            value = float(value)
-        except ValueError:
-            raise ValueError("expected 'inf', 'l1', 'l2' or a real order >= 1") from None
-    if isinstance(value, str):
-        return value
-    if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 1:
-        raise ValueError("expected 'inf', 'l1', 'l2' or a real order >= 1")
-    return {math.inf: "inf", 1: "l1", 2: "l2"}.get(value, float(value))  # one name for one norm
+    """Orders may come as numbers or, from the command line, as their text; one name for one norm."""
+    try:
+        order = order_of(value)
+    except ValueError as error:
+        raise ValueError(str(error).partition(", ")[2]) from None
+    name = norm_name(order)
+    return name if name in ("inf", "l1", "l2") else order
 
 
 Norm = Annotated[Literal["inf", "l1", "l2"] | float, pydantic.BeforeValidator(_norm)]
@@ -115,6 +112,10 @@ class ObjectiveConfig(Section):
     norms: Annotated[list[Norm], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct] = ["inf"]
     measure: Measure = "screen"
 
+    def objectives(self) -> list[Objective]:
+        """Every metric in every norm."""
+        return [Objective(*each, self.measure) for each in itertools.product(self.metrics, self.norms)]
+
 
 class OutputConfig(Section):
     """Where the results go."""
@@ -129,6 +130,10 @@ class OneObjective(Section):
     metric: Metric = "p"
     norm: Norm = "inf"
     measure: Measure = "screen"
+
+    def objective_value(self) -> Objective:
+        """The library's own."""
+        return Objective(self.metric, self.norm, self.measure)
 
 
 def validated(model: type[pydantic.BaseModel], data: dict[str, Any], source: str) -> Any:

@@ -96,7 +96,7 @@ def curves_figure(compared: list[Compared]) -> Figure:
     foot = 0.62
     total = left + columns * (width + names) + (columns - 1) * gap
     in_rows = [compared[k : k + columns] for k in range(0, len(compared), columns)]
-    strips = [(_STRIP + 0.12) * any(c.result.limit is not None for c in row) for row in in_rows]
+    strips = [(_STRIP + 0.12) * any(c.result.bound is not None for c in row) for row in in_rows]
     figure = style.new_figure(total, rows * (height + down) + sum(strips) + foot)
     looks = _looks(compared)
     limit = 180.0 if compared[0].result.theta.max() > np.pi / 2 + 1e-9 else 90.0
@@ -106,7 +106,7 @@ def curves_figure(compared: list[Compared]) -> Figure:
         top = row * (height + down) + sum(strips[:row]) + 0.3
         axes = style.place(figure, x, top, width, height)
         _curves_panel(axes, c, limit, looks)
-        last, below = place + columns >= len(compared), c.result.limit is not None
+        last, below = place + columns >= len(compared), c.result.bound is not None
         style.theta_axis(axes, limit, label=last and not below)
         if below:
             band = style.place(figure, x, top + height + 0.12, width, _STRIP)
@@ -152,7 +152,7 @@ def _curves_panel(axes: Axes, c: Compared, limit: float, looks: dict[str, dict])
 
 def _limit_strip(axes: Axes, c: Compared) -> None:
     """optimum / limit against theta."""
-    multiple = c.result.optimum_over_limit
+    multiple = c.result.optimum_over_bound
     style.log_axis(axes, (0.85, max(3.0, 1.3 * float(np.nanmax(multiple, initial=1)))))
     axes.grid(axis="y", which="major", color="#e6e6e6", linewidth=0.6, zorder=0.5)
     style.draw_curve(axes, np.rad2deg(c.result.theta), multiple, "optimum / limit", color="black")
@@ -215,7 +215,7 @@ def map_figure(compared: list[Compared]) -> Figure:
     count = len(compared[0].result.names)
     columns = min(len(compared), 2)
     rows = -(-len(compared) // columns)
-    limited = any(c.result.limit is not None for c in compared)
+    limited = any(c.result.bound is not None for c in compared)
     width, left, numbers, down = 3.3, 1.95, 1.5 if limited else 0.95, 0.52
     height = _CELL * (count + limited)
     scene = compared[0].result.regions is None
@@ -227,7 +227,7 @@ def map_figure(compared: list[Compared]) -> Figure:
     for place, c in enumerate(compared):
         row, column = divmod(place, columns)
         x = left + column * (left + width + numbers)
-        own = _CELL * (count + (c.result.limit is not None))  # panels end on one line
+        own = _CELL * (count + (c.result.bound is not None))  # panels end on one line
         axes = style.place(figure, x, row * (height + down) + 0.42 + height - own, width, own)
         _map_panel(axes, c, last=place + columns >= len(compared))
     _map_legend(figure, left, total)
@@ -249,7 +249,7 @@ def _map_panel(axes: Axes, c: Compared, last: bool) -> None:
     r = c.result
     order, edges = r.order(), _edges(c)
     index = [r.names.index(name) for name in order]
-    top = [] if r.limit is None else [r.optimum_over_limit]
+    top = [] if r.bound is None else [r.optimum_over_bound]
     ratio = np.stack([*top, *r.ratio[index]])
     worse = np.stack([*(np.zeros_like(row, bool) for row in top), *r.worse[index]])
     colours = ListedColormap(_SHADES[:-1]).with_extremes(over=_SHADES[-1], bad=_UNDEFINED)
@@ -296,7 +296,7 @@ def _map_numbers(axes: Axes, c: Compared, order: list[str], first: int) -> None:
     r = c.result
     columns = {"mean": [r.mean(name) for name in order], "worst": [r.worst(name).ratio for name in order]}
     if first:
-        columns["worst\n/ limit"] = [r.worst(name, "limit").ratio for name in order]
+        columns["worst\n/ limit"] = [r.worst(name, "bound").ratio for name in order]
     look = {"transform": axes.transAxes, "ha": "right", "va": "center", "fontsize": 7.4}
     for k, (head, numbers) in enumerate(columns.items()):
         x = 1.13 + 0.14 * k
@@ -304,7 +304,7 @@ def _map_numbers(axes: Axes, c: Compared, order: list[str], first: int) -> None:
         for row, value in enumerate(numbers, first):
             axes.text(x, 1 - (row + 0.5) / (len(order) + first), _number(value), **look)
     if first:
-        axes.text(1.41, 1 - 0.5 / (len(order) + 1), _number(float(np.nanmax(r.optimum_over_limit, initial=1))), **look)
+        axes.text(1.41, 1 - 0.5 / (len(order) + 1), _number(float(np.nanmax(r.optimum_over_bound, initial=1))), **look)
 
 
 def _number(value: float) -> str:

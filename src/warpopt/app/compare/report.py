@@ -105,7 +105,7 @@ def _verdict(c: Compared) -> str:
     r = c.result
     ranking = [name for name in r.ranking() if not np.isnan(r.mean(name))]
     words = [_ranking_words(c, ranking) if ranking else "No rule is defined and bounded in every direction."]
-    words.append(r.no_limit_because or limit_sentence(least_and_largest(r.optimum_over_limit)))
+    words.append(r.no_bound_because or limit_sentence(least_and_largest(r.optimum_over_bound)))
     return " ".join(filter(None, words)) + "\n"
 
 
@@ -172,7 +172,7 @@ def _table(c: Compared) -> str:
     rows = []
     for place, name in enumerate(r.order(), 1):
         numbers = [ratio_text(r.mean(name))]
-        for one in (r.worst(name), r.worst(name, "limit")):
+        for one in (r.worst(name), r.worst(name, "bound")):
             numbers += [ratio_text(one.ratio), place_text(c, one)]
         numbers.append(ratio_text(r.worst(name, "no_warp").ratio))
         where = [where_text(c, kind, name) for kind in ("worse", "no_warp", "undefined")]

@@ -24,7 +24,7 @@ _COLUMNS = (
     "optimum",
     "limit",
 )
-_OVER = ("optimum", "limit", "no_warp")
+_OVER = {"optimum": "optimum", "limit": "bound", "no_warp": "no_warp"}  # as columns and as the library call them
 
 
 def write_compare_table(compared: list[Compared], path: Path) -> None:
@@ -34,8 +34,8 @@ def write_compare_table(compared: list[Compared], path: Path) -> None:
     for c in compared:
         r = c.result
         many = {"eta": r.eta, "defined": r.defined, "worse_than_no_warp": r.worse, "value": r.values}
-        many |= {"over_optimum": r.ratio, "over_limit": r.over_limit}
-        each = {"theta_deg": np.rad2deg(r.theta), "optimum": np.asarray(r.solution.value), "limit": r.limit}
+        many |= {"over_optimum": r.ratio, "over_limit": r.over_bound}
+        each = {"theta_deg": np.rad2deg(r.theta), "optimum": np.asarray(r.solution.value), "limit": r.bound}
         for i, name in enumerate(r.names):
             columns = [_column(many[n], i) if n in many else _column(each[n], None) for n in _COLUMNS]
             for k in range(len(r.theta)):
@@ -56,7 +56,7 @@ def write_ranking(compared: list[Compared], path: Path) -> None:
         for place, name in enumerate(c.result.order(), 1):
             row = [place if name in ranking else "", name, _cell(c.result.mean(name))]
             for over in _OVER:
-                ratio, theta, index = c.result.worst(name, over)
+                ratio, theta, index = c.result.worst(name, _OVER[over])
                 row += [_cell(ratio), _cell(np.rad2deg(theta)), *([index if index >= 0 else ""] if scene else [])]
             rows.append([c.metric, c.norm, *([c.camera] if scene else []), *row])
     write_csv(path, heads, rows)
@@ -93,8 +93,8 @@ def _objective(c: Compared) -> dict[str, Any]:
             "value": _numbers(solution.value),
             "outcome": [warpopt.Outcome(int(v)).name for v in np.asarray(solution.result)],
         },
-        "limit": None if r.limit is None else _numbers(r.limit),
-        "no_limit_because": r.no_limit_because,
+        "limit": None if r.bound is None else _numbers(r.bound),
+        "no_limit_because": r.no_bound_because,
         "no_warp": _numbers(r.unwarped),
         "ranking": r.ranking(),
         "rules": {name: _rule(r, i, name) for i, name in enumerate(r.names)},
@@ -108,7 +108,7 @@ def _rule(r: "warpopt.Comparison", i: int, name: str) -> dict[str, Any]:
         "defined": r.defined[i].tolist(),
         "value": _numbers(r.values[i]),
         "over_optimum": _numbers(r.ratio[i]),
-        "over_limit": None if r.over_limit is None else _numbers(r.over_limit[i]),
+        "over_limit": None if r.over_bound is None else _numbers(r.over_bound[i]),
         "worse_than_no_warp": r.worse[i].tolist(),
         "mean_over_optimum": finite_or_none(r.mean(name)),
         **{f"worst_over_{over}": _worst(r, name, over) for over in _OVER},
@@ -117,7 +117,7 @@ def _rule(r: "warpopt.Comparison", i: int, name: str) -> dict[str, Any]:
 
 
 def _worst(r: "warpopt.Comparison", name: str, over: str) -> dict[str, Any] | None:
-    worst = r.worst(name, over)
+    worst = r.worst(name, _OVER[over])
     if worst.index < 0:
         return None
     place = {"theta_deg": float(np.rad2deg(worst.theta)), "nearest": worst.index}

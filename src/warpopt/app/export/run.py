@@ -2,10 +2,11 @@
 
 from pathlib import Path
 
+from warpopt._data_files import DataFileError
 from warpopt.export.closed_form import closed_form_source
 from warpopt.export.languages import LANGUAGES
 from warpopt.export.lookup import source
-from warpopt.table.files import TableFileError, encoded, load
+from warpopt.table.lambda_table import LambdaTable
 
 from ..common.output import whole_files
 from ..common.settings import ConfigError
@@ -27,15 +28,15 @@ def export(request: ExportRequest) -> int:
             contents[directory / f"closed_form_{request.metric}{form.suffix}"] = text.encode()
     else:
         try:
-            table = load(request.table)
-        except TableFileError as error:
+            table = LambdaTable.load(request.table)
+        except DataFileError as error:
             raise ConfigError(str(error)) from None
         stem = request.table.stem
         for form in languages:
             contents[directory / f"{stem}{form.suffix}"] = source(table, form, request.prefix).encode()
         for name in request.data:
             path = directory / f"{stem}.{name}"
-            contents[path] = encoded(table, path)
+            contents[path] = table.encoded(path)
     whole_files(contents)
     for path in contents:
         print(f"Written: {path}")

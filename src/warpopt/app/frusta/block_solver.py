@@ -10,9 +10,11 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 import warpopt
+from warpopt._checks import trusted
+from warpopt.objective import Objective
 from warpopt.rules.registry import PUBLISHED
+from warpopt.solve.optimal_warp import optimum_and_norms
 
-from ..common.limits import no_limit_because
 from .block_files import Block
 from .problem import SweepProblem, View
 
@@ -35,7 +37,8 @@ def field_shapes(problem: SweepProblem) -> dict[str, tuple[int, ...]]:
 
 @jax.jit
 def _rules(frustum: "warpopt.ViewFrustum", theta: jax.Array) -> "list[warpopt.Warp]":
-    return [rule(frustum, theta) for rule in PUBLISHED.values()]
+    with trusted():  # of settings
+        return [rule(frustum, theta) for rule in PUBLISHED.values()]
 
 
 @jax.jit
@@ -63,16 +66,15 @@ class BlockSolver:
         frustum = jax.device_put(frustum_of([self._problem.all_views[view] for view in views]), device)
         theta = jax.device_put(self._theta[directions], device)
         warps = _rules(frustum, theta)
-        every = jax.tree.map(lambda *fields: np.stack(fields), *warps)
+        view = warpopt.FrustumView(frustum, theta)
+        etas = jax.numpy.stack(jax.numpy.broadcast_arrays(*(warp.eta for warp in warps)))
         progress("rules")
 
-        def solve(objective: tuple[str, str | float]) -> Block:
-            metric, norm = objective
-            solution, values = warpopt.compare_warps(frustum, theta, every, metric, norm, self._problem.measure)
+        def solve(objective: Objective) -> Block:
+            solution, values = optimum_and_norms(view, etas, objective)
             value = np.asarray(solution.value)
-            known = not no_limit_because(metric, norm)
-            least = warpopt.limit(frustum, theta, metric, norm, self._problem.measure) if known else np.nan
-            progress(f"{metric} {norm}")
+            least = np.nan if objective.no_bound_because else warpopt.lower_bound(view, objective)
+            progress(f"{objective.name} {objective.norm}")
             found = {
                 "value": value,
                 "result": solution.result,

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import warpopt
+from warpopt.objective import Objective
 
 BLOCK_MULTIPLE = 64  # directions of a block come in whole vectors of every processor, unrolled
 BLOCK_SIZE = 32_768  # the most problems in a block, unless the user says otherwise
@@ -81,8 +82,7 @@ class SweepProblem:
     views: tuple[View, ...]
     context: tuple[View, ...]
     theta_deg: np.ndarray
-    objectives: tuple[tuple[str, str | float], ...]
-    measure: str
+    objectives: tuple[Objective, ...]
     block_size: int = BLOCK_SIZE
 
     @property
@@ -99,8 +99,7 @@ class SweepProblem:
         told = {
             "views": [dataclasses.astuple(view) for view in self.all_views],
             "theta_deg": hashlib.sha256(np.ascontiguousarray(self.theta_deg, np.float64).tobytes()).hexdigest(),
-            "objectives": self.objectives,
-            "measure": self.measure,
+            "objectives": [(objective.title, objective.measure) for objective in self.objectives],
             "tile": self.tiling.tile,
             "versions": [importlib.metadata.version(package) for package in ("jax", "jaxlib", "equinox", "optimistix")],
             "code": _code(),

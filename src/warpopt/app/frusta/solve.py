@@ -1,17 +1,16 @@
 """Every optimum and every rule over frusta and light directions, as plain arrays."""
 
 import dataclasses
-import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import jax
 import numpy as np
 
-import warpopt
+from warpopt.objective import Objective
 from warpopt.rules.registry import PUBLISHED
+from warpopt.solve.outcome import failed
 
 from ..common.command import Failed
-from ..common.limits import no_limit_because
 from .block_files import Block, BlockFiles
 from .block_solver import BlockSolver, solve_blocks
 from .problem import SweepProblem, View
@@ -37,8 +36,7 @@ class RuleCurves(Curves):
 class OptimumCurves(Curves):
     """The optimum of one objective, every rule's norm over the minimal one, and the limit: NaN where none is known."""
 
-    metric: str
-    norm: str
+    objective: Objective
     value: np.ndarray
     result: np.ndarray
     residual: np.ndarray
@@ -53,13 +51,22 @@ class OptimumCurves(Curves):
     @property
     def failed(self) -> np.ndarray:
         """Where no optimum was found."""
-        return ~np.isin(self.result, [outcome for outcome in warpopt.Outcome if outcome.succeeded])
+        return failed(self.result)
+
+    @property
+    def metric(self) -> str:
+        """Its name."""
+        return self.objective.name
+
+    @property
+    def norm(self) -> str:
+        """Its name."""
+        return self.objective.norm
 
     @property
     def no_limit_because(self) -> str | None:
         """Why there is no limit, in words; None where there is one."""
-        norm = self.norm if self.norm in ("inf", "l1", "l2") else float(self.norm)
-        return no_limit_because(self.metric, norm)
+        return self.objective.no_bound_because
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,9 +76,13 @@ class Sweep:
     views: tuple[View, ...]
     context: tuple[View, ...]
     theta_deg: np.ndarray
-    measure: str
     rules: dict[str, RuleCurves]
     optima: tuple[OptimumCurves, ...]
+
+    @property
+    def measure(self) -> str:
+        """Of every objective."""
+        return self.optima[0].objective.measure
 
     @property
     def all_views(self) -> tuple[View, ...]:
@@ -82,14 +93,11 @@ def compute_sweep(
     views: tuple[View, ...],
     context: tuple[View, ...],
     theta_deg: np.ndarray,
-    metrics: list[str],
-    norms: list[str | float],
-    measure: str,
+    objectives: Iterable[Objective],
     progress: Callable[[str], None] = lambda name: None,
 ) -> Sweep:
     """Solve everything in this process; `progress` is told of each objective of each block."""
-    objectives = tuple(itertools.product(metrics, norms))
-    problem = SweepProblem(views, context, np.asarray(theta_deg, float), objectives, measure)
+    problem = SweepProblem(views, context, np.asarray(theta_deg, float), tuple(objectives))
     return sweep_of(problem, None, progress)
 
 
@@ -157,12 +165,11 @@ class _Whole:
         optima = tuple(
             OptimumCurves(
                 *(a[field][o] for field in ("eta", "lam_over_mu", "lam")),
-                metric,
-                str(norm),
+                objective,
                 *(a[field][o] for field in ("value", "result", "residual")),
                 {name: a["ratio"][o, r] for r, name in enumerate(PUBLISHED)},
                 a["limit"][o],
             )
-            for o, (metric, norm) in enumerate(problem.objectives)
+            for o, objective in enumerate(problem.objectives)
         )
-        return Sweep(problem.views, problem.context, problem.theta_deg, problem.measure, rules, optima)
+        return Sweep(problem.views, problem.context, problem.theta_deg, rules, optima)

@@ -1,5 +1,6 @@
 """A scene in a configuration: cameras, light, receivers, objective. Knows nothing of JAX."""
 
+import itertools
 import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -8,8 +9,10 @@ import numpy as np
 import pydantic
 from pydantic import Field
 
+from warpopt.objective import METRICS, Measure, Objective
+
 from ...scene_files.scene_camera import SceneCamera, centred_window, orientation
-from ..common.settings import Distinct, HalfFovDeg, Measure, NearFar, Norm, Positive, Section, listed
+from ..common.settings import Distinct, HalfFovDeg, NearFar, Norm, Positive, Section, listed
 
 _RIGID = 1e-4  # entries with four digits after the point still make a matrix that is meant as a rotation
 
@@ -188,18 +191,12 @@ class SceneLight(Section):
 class FrustumReceivers(Section):
     """Everything that the camera could see."""
 
-    measure: Measure = "screen"
-
-
-BodyMeasure = Literal["volume", "screen", "log_depth", "ground"]
-
 
 class BoxReceivers(Section):
     """What of an axis-parallel box lies in the view frustum."""
 
     lower: Vector
     upper: Vector
-    measure: BodyMeasure = "screen"
 
     @pydantic.field_validator("upper")
     @classmethod
@@ -214,7 +211,6 @@ class PlaneReceivers(Section):
     """What of a convex body lies in the view frustum: world half-spaces a x + b y + c z + d >= 0."""
 
     planes: Annotated[list[tuple[float, float, float, float]], Field(min_length=1, max_length=64)]
-    measure: BodyMeasure = "screen"
 
     @pydantic.field_validator("planes")
     @classmethod
@@ -283,16 +279,18 @@ class ReceiverConfig(Section):
         return next(name for name in type(self).model_fields if getattr(self, name) is not None).replace("_", " ")
 
 
-_BLEND_DEGREE = {"p": 2, "q": 1, "pxq": 3}
-
-
 class SceneObjective(Section):
     """What is minimised: every metric in every norm, each a problem of its own."""
 
     metrics: Annotated[
-        list[Literal["p", "q", "pxq", "max"]], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct
+        list[Literal[*METRICS]],  # pyright: ignore[reportInvalidTypeForm]
+        pydantic.BeforeValidator(listed),
+        Field(min_length=1),
+        Distinct,
     ] = Field(default=["p"])
     norms: Annotated[list[Norm], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct] = Field(["inf"])
+    measure: Measure = "screen"
+    """What L_P norms are taken over: of the whole frustum any, of a box or planes any but axis."""
     screen: Resolution | None = None
     """(width, height) in pixels, and"""
     shadow_map: Resolution | None = None
@@ -304,17 +302,20 @@ class SceneObjective(Section):
     def _possible(self) -> "SceneObjective":
         if (self.screen is None) != (self.shadow_map is None):
             raise ValueError("got one of screen and shadow_map, expected both or neither")
-        for metric in self.metrics:
-            for norm in self.norms:
-                if metric == "max" and norm != "inf":
-                    raise ValueError(f"norms: got {norm!r}, expected only 'inf' with metric 'max'")
-                order = {"inf": 1, "l1": 1, "l2": 2}.get(norm, norm)
-                if metric != "max" and order * _BLEND_DEGREE[metric] % 1:
-                    raise ValueError(
-                        f"norms: got order {order}, expected one that makes {_BLEND_DEGREE[metric]} times it an "
-                        f"integer for metric {metric!r}"
-                    )
+        for metric, norm in itertools.product(self.metrics, self.norms):
+            if metric == "max" and norm != "inf":
+                raise ValueError(f"norms: got {norm!r}, expected only 'inf' with metric 'max'")
+            objective = Objective(metric, norm, self.measure)
+            if not objective.supremum and objective.blend_degree % 1:
+                raise ValueError(
+                    f"norms: got order {norm}, expected one that makes {objective.metric.blend_power:g} times it an "
+                    f"integer for metric {metric!r}"
+                )
         return self
+
+    def objectives(self) -> list[Objective]:
+        """Every metric in every norm."""
+        return [Objective(*each, self.measure) for each in itertools.product(self.metrics, self.norms)]
 
 
 class SceneSettings(Section):
@@ -334,6 +335,11 @@ class SceneSettings(Section):
             raise ValueError("camera: missing (only a glTF file may bring its own)")
         if gltf is not None and self.handedness == "left":
             raise ValueError("handedness: got 'left', expected 'right' with glTF, whose axes are right-handed")
+        measure, receivers = self.objective.measure, self.receivers
+        body = receivers.box is not None or receivers.planes is not None
+        if receivers.whole_frustum is None and measure != "screen" and not (body and measure != "axis"):
+            expected = "any measure but 'axis'" if body else "'screen': the pixels have their own weights"
+            raise ValueError(f"objective.measure: got {measure!r} with {receivers.kind}, expected {expected}")
         if depth is not None and len(depth.files) != len(self.camera):
             raise ValueError(
                 f"receivers.depth.files: got {len(depth.files)} for {len(self.camera)} camera(s), expected one for each"

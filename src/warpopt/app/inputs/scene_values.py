@@ -1,8 +1,11 @@
 """A scene's cameras and receivers as the library's own."""
 
+import equinox as eqx
+import jax
 import numpy as np
 
 import warpopt
+from warpopt.receivers import ConvexBody, DepthBuffer, Receivers, WholeFrustum
 
 from ...scene_files.scene_camera import SceneCamera
 from .scene_files import SceneInput
@@ -17,13 +20,18 @@ def camera_of(camera: SceneCamera) -> "warpopt.Camera":
     )
 
 
-def receivers_of(config: SceneSettings, scene: SceneInput, i: int):
+def receivers_of(config: SceneSettings, scene: SceneInput, i: int) -> Receivers:
     """What camera i must resolve."""
     asked = config.receivers
     if scene.depths:
-        return warpopt.DepthBuffer(scene.depths[i], scene.encoding)
+        return DepthBuffer(scene.depths[i], scene.encoding)
     if asked.box is not None:
-        return warpopt.ConvexBody.box(asked.box.lower, asked.box.upper, asked.box.measure)
+        return ConvexBody.box(asked.box.lower, asked.box.upper)
     if asked.planes is not None:
-        return warpopt.ConvexBody(np.array(asked.planes.planes), asked.planes.measure)
-    return warpopt.WholeFrustum(asked.whole_frustum.measure)
+        return ConvexBody(np.array(asked.planes.planes))
+    return WholeFrustum()
+
+
+def under_light(view: "warpopt.SceneView", k: int) -> "warpopt.SceneView":
+    """The view under the k-th of its lights."""
+    return eqx.tree_at(lambda v: v.light, view, jax.tree.map(lambda leaf: leaf[k], view.light))

@@ -68,7 +68,7 @@ class Rules(_OneProblem):
 @dataclasses.dataclass(frozen=True)
 class Limit(_OneView):
     """The map s(delta) of E_p that no map of the depth can better, as a table: data (docs/engines.md reads it in C);
-    over a scene's receivers, `warpopt.scene_limit_map` in Python."""
+    over a scene's receivers, `warpopt.lower_bound_map` in Python."""
 
     files: tyro.conf.Positional[tuple[Path, ...]] = ()
     """Where to, for example limit.csv limit.json: each ends in .npz, .csv or .json."""

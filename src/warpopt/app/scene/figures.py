@@ -67,9 +67,10 @@ def write_scene_figures(
 def seen_of(config: SceneConfig, scene: SceneInput, s: Solved) -> Seen:
     """The image where there is one, else a section along the light: bodies have no surface to show."""
     camera, receivers = scene.cameras[s.camera], receivers_of(config, scene, s.camera)
-    if isinstance(receivers, warpopt.DepthBuffer):
+    if scene.depths:
         return image_of(camera, np.asarray(receivers.eye_depth(camera_of(camera))))
-    planes = np.asarray(receivers.planes) if isinstance(receivers, warpopt.ConvexBody) else np.zeros((0, 4))
+    body = config.receivers.box is not None or config.receivers.planes is not None
+    planes = np.asarray(receivers.planes) if body else np.zeros((0, 4))
     return section_of(camera, planes, s.mapping, *_SECTION)
 
 

@@ -1,20 +1,22 @@
 """The problems of a scene: for each objective one compiled program, and for each camera one call over all lights."""
 
 import dataclasses
-import itertools
+import functools
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
 
 import warpopt
+from warpopt._checks import trusted
+from warpopt.objective import Objective
 
 from ..common.error_maps import Mapping
-from ..common.limits import no_limit_because
 from ..common.record import finite_or_none
 from ..inputs.scene_files import SceneInput
-from ..inputs.scene_values import camera_of, receivers_of
+from ..inputs.scene_values import camera_of, receivers_of, under_light
 from .settings import SceneConfig
 
 _TOGETHER = 64  # lights in one batch
@@ -26,7 +28,7 @@ class Solved:
 
     Attributes:
         camera, light: indices of the scene's distinct ones.
-        metric, norm: the objective.
+        objective: what was minimised.
         row: what the files say of it: finite numbers, text and None.
         outcome: how the solve ended.
         mapping: what its errors depend on, for pictures.
@@ -35,36 +37,49 @@ class Solved:
 
     camera: int
     light: int
-    metric: str
-    norm: str
+    objective: Objective
     row: dict[str, Any]
     outcome: "warpopt.Outcome"
     mapping: Mapping
     alone: bool
 
     @property
+    def metric(self) -> str:
+        """Its name."""
+        return self.objective.name
+
+    @property
+    def norm(self) -> str:
+        """Its name."""
+        return self.objective.norm
+
+    @property
     def title(self) -> str:
         camera = "" if self.alone else f"camera {self.camera}, "
-        return f"{camera}light {self.light}, E_{self.metric}, norm {self.norm}"
+        return f"{camera}light {self.light}, {self.objective.title}"
 
 
 def solve_scene(config: SceneConfig, scene: SceneInput, progress: Callable[[str], None]) -> list[Solved]:
     """Every metric and norm that was asked for, over every distinct camera and light."""
     if not scene.lights:
         return []
-    cameras = [camera_of(camera) for camera in scene.cameras]
-    receivers = [receivers_of(config, scene, i) for i in range(len(cameras))]
     lights = jax.vmap(warpopt.DirectionalLight)(np.array(scene.lights, float))
     casters = None if scene.casters is None else jax.numpy.asarray(scene.casters)  # once on the device
+    views = [
+        warpopt.SceneView(
+            camera_of(camera), lights, receivers_of(config, scene, i),
+            screen=config.objective.screen, shadow_map=config.objective.shadow_map,
+        )
+        for i, camera in enumerate(scene.cameras)
+    ]  # fmt: skip
     solved = []
-    for metric, norm in itertools.product(config.objective.metrics, config.objective.norms):
-        over_lights = _over_lights(config, metric, norm)
-        for i, camera in enumerate(cameras):
-            found = jax.device_get(over_lights(camera, lights, receivers[i], casters))
+    for objective in config.objective.objectives():
+        for i, view in enumerate(views):
+            found = jax.device_get(_over_lights(view, casters, objective, clip_space(config), config.objective.min_eta))
             for k, direction in enumerate(scene.lights):
                 one = jax.tree.map(lambda v, k=k: v[k], found)
-                problem = _solved(one, (i, k), list(direction), metric, str(norm), len(cameras) == 1)
-                problem.row.update(_limit(config, camera, direction, receivers[i], metric, norm, problem.row["value"]))
+                problem = _solved(one, (i, k), list(direction), objective, len(views) == 1)
+                problem.row.update(_limit(under_light(view, k), objective, problem.row["value"]))
                 solved.append(problem)
                 progress(problem.title)
     return solved
@@ -85,37 +100,24 @@ class _Found:
 jax.tree_util.register_dataclass(_Found)
 
 
-def _over_lights(config: SceneConfig, metric: str, norm: str | float):
-    """The compiled (camera, lights, receivers, casters) -> `_Found` of one objective."""
-    objective, convention = config.objective, clip_space(config)
+@functools.partial(jax.jit, static_argnames=("objective", "convention", "min_eta"))
+def _over_lights(
+    view: "warpopt.SceneView", casters: jax.Array | None, objective: Objective, convention: "warpopt.ClipSpace",
+    min_eta: float,
+) -> _Found:  # fmt: skip
+    """Every light of a view."""
 
-    def one(camera, light, receivers, casters) -> _Found:
-        solution = warpopt.scene_warp(
-            camera,
-            light,
-            receivers,
-            metric,
-            norm,
-            screen=objective.screen,
-            shadow_map=objective.shadow_map,
-            min_eta=objective.min_eta,
-            throw=False,
-        )
-        footprint, warp = solution.footprint, solution.warp
-        matrix = warpopt.shadow_matrix(camera, light, footprint, warp, convention, casters=casters)
-        widths = (sum(footprint.half_widths(eta)) for eta in (warp.eta, jax.numpy.ones_like(warp.eta)))
+    def one(light) -> _Found:
+        with trusted():  # read and checked before
+            reduced = eqx.tree_at(lambda v: v.light, view, light).reduced(objective)
+            solution = warpopt.optimal_warp(reduced, objective, min_eta=min_eta, throw=False)
+            matrix = warpopt.shadow_matrix(reduced, solution, convention, casters=casters)
+        warp, half_widths = solution.warp, solution.footprint.half_widths
+        widths = (sum(half_widths(eta)) for eta in (warp.eta, jax.numpy.ones_like(warp.eta)))
         return _Found(solution, matrix, warp.lam, warp.lam_over_mu, *widths)
 
-    @jax.jit
-    def over_lights(camera, lights, receivers, casters) -> _Found:
-        # A depth buffer's passes fill the machine by themselves, and its cells are tens of megabytes a light.
-        together = 1 if isinstance(receivers, warpopt.DepthBuffer) else _TOGETHER
-        count = len(lights.direction)
-        return jax.lax.map(
-            lambda light: one(camera, light, receivers, casters), lights, batch_size=min(together, count)
-        )
-
-    return over_lights
+    together = 1 if view.receivers.one_at_a_time else _TOGETHER
+    return jax.lax.map(one, view.light, batch_size=min(together, len(view.light.direction)))
 
 
 def clip_space(config: SceneConfig) -> "warpopt.ClipSpace":
@@ -124,28 +126,17 @@ def clip_space(config: SceneConfig) -> "warpopt.ClipSpace":
     return make(reversed_z=config.output.reversed_z)
 
 
-def no_scene_limit_because(metric: str, norm: str | float) -> str | None:
-    """Why an objective's results are no multiples of a limit, in words; None if they are."""
-    return None if metric == "max" else no_limit_because(metric, norm)  # "max" is in L-inf alone
-
-
-def _limit(config: SceneConfig, camera, direction, receivers, metric: str, norm: str | float, value) -> dict[str, Any]:
-    """The part of a problem's row about the limit."""
-    reason = no_scene_limit_because(metric, norm)
-    least = None
+def _limit(view: "warpopt.SceneView", objective: Objective, value: float | None) -> dict[str, Any]:
+    """The part of a problem's row about the lower bound."""
+    least, reason = None, objective.no_bound_because
     if reason is None:
-        least = warpopt.scene_limit(
-            camera, warpopt.DirectionalLight(direction), receivers, metric, norm,
-            screen=config.objective.screen, shadow_map=config.objective.shadow_map,
-        )  # fmt: skip
+        least = warpopt.lower_bound(view, objective)
         reason = None if least > 0 else "There are no receivers, or all are at one depth: the limit is 0."
     over_limit = value / least if least and value is not None else None
     return {"limit": least, "over_limit": over_limit, "no_limit_because": reason}
 
 
-def _solved(
-    found: _Found, place: tuple[int, int], direction: list[float], metric: str, norm: str, alone: bool
-) -> Solved:
+def _solved(found: _Found, place: tuple[int, int], direction: list[float], objective: Objective, alone: bool) -> Solved:
     solution, matrix = found.solution, found.matrix
     outcome = warpopt.Outcome(int(solution.result))
     mapping = Mapping.of(solution, found.width, found.plain_width)
@@ -157,8 +148,8 @@ def _solved(
         "light": place[1],
         "direction": direction,
         "theta_deg": finite_or_none(np.rad2deg(solution.frame.theta)),
-        "metric": metric,
-        "norm": norm,
+        "metric": objective.name,
+        "norm": objective.norm,
         "eta": finite_or_none(solution.warp.eta) if there else None,
         "lambda": finite_or_none(found.lam) if there else None,
         "lambda_over_mu": finite_or_none(found.lam_over_mu) if there else None,
@@ -173,4 +164,4 @@ def _solved(
         "matrix": matrix.tolist() if usable else None,
         "no_matrix_because": reason,
     }
-    return Solved(*place, metric, norm, row, outcome, mapping, alone)
+    return Solved(*place, objective, row, outcome, mapping, alone)

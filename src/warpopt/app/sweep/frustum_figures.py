@@ -16,6 +16,7 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import ConnectionPatch, Polygon
 
 import warpopt
+from warpopt.theory import aliasing_error, texture_coordinates
 
 from ..common import figure_style as style
 from ..frusta.block_solver import frustum_of
@@ -74,9 +75,10 @@ def _errors(frustum: "warpopt.ViewFrustum", theta: np.ndarray, y: jax.Array, z: 
     published = [rule(frustum, theta) for rule in (warpopt.rules.ssm, warpopt.rules.lispsm, warpopt.rules.tsm)]
     every = []
     for metric in METRICS:
-        best = warpopt.optimal_warp(frustum, theta, metric, "inf", throw=False).warp
+        view = warpopt.FrustumView(frustum, theta)
+        best = warpopt.optimal_warp(view, warpopt.Objective(metric), throw=False).warp
         warps = jax.tree.map(lambda *fields: jnp.stack(fields)[..., None, None, None], *published, best)
-        every.append(warpopt.aliasing_error(frustum, theta[:, None, None, None], warps, y, z, metric))
+        every.append(aliasing_error(frustum, theta[:, None, None, None], warps, y, z, metric))
     return jnp.stack(every)
 
 
@@ -256,7 +258,7 @@ def _mapped(
     """TSM's lambda / mu at theta = 0, and (t, s) of points of the far plane without and with its warp."""
     tsm = warpopt.rules.tsm(frustum, 0.0, kappa, xi)
     warps = (warpopt.rules.ssm(frustum, 0.0), tsm)
-    maps = [jnp.stack(warpopt.texture_coordinates(frustum, 0.0, warp, x, y, frustum.far), -1) for warp in warps]
+    maps = [jnp.stack(texture_coordinates(frustum, 0.0, warp, x, y, frustum.far), -1) for warp in warps]
     return tsm.lam_over_mu, jnp.stack(maps)
 
 

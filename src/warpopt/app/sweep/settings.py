@@ -1,6 +1,5 @@
 """The configuration of `warpopt run`: view frusta, light angles, objectives, processes. Knows nothing of JAX."""
 
-import itertools
 from typing import Annotated
 
 import pydantic
@@ -70,14 +69,13 @@ class RunConfig(Section):
 
     def problem(self) -> SweepProblem:
         """What is to be computed, with the views that only figures ask for."""
-        view, objective = self.view, self.objective
+        view = self.view
         views = tuple(View(view.near, far, half_fov) for half_fov in view.half_fov_deg for far in view.far)
         return SweepProblem(
             views,
             _context(views) if self.output.figures else (),
             self.light.values(),
-            tuple(itertools.product(objective.metrics, objective.norms)),
-            objective.measure,
+            tuple(self.objective.objectives()),
             self.compute.block_size,
         )
 

@@ -4,8 +4,6 @@ import math
 import sys
 
 import warpopt
-from warpopt.table.build import build_table
-from warpopt.table.files import encoded
 
 from ..common.output import whole_files
 from .settings import TableConfig
@@ -23,8 +21,8 @@ def run_table(config: TableConfig) -> int:
     far = view.far or view.near * ratios.start
     frustum = warpopt.ViewFrustum(view.near, far, math.radians(view.half_fov_deg or fovs.start))
     try:
-        table = build_table(
-            frustum, objective.metric, objective.norm, objective.measure, max_regret=objective.max_regret,
+        table = warpopt.build_table(
+            frustum, objective.objective_value(), max_regret=objective.max_regret,
             theta_range=(math.radians(span.start), math.radians(span.stop)),
             depth_ratio_range=ratios and (ratios.start, ratios.stop),
             half_fov_range=fovs and (math.radians(fovs.start), math.radians(fovs.stop)), max_slope=objective.max_slope,
@@ -32,7 +30,7 @@ def run_table(config: TableConfig) -> int:
     except RuntimeError as error:
         print(f"warpopt: objective.max_regret: {error}", file=sys.stderr)
         return 1
-    whole_files({path: encoded(table, path)})
+    whole_files({path: table.encoded(path)})
     counts = [f"{len(table.depth_ratio)} far/near"] * (ratios is not None)
     counts += [f"{len(table.half_fov)} fields of view"] * (fovs is not None)
     rows = f" for each of {' by '.join(counts)}" if counts else ""
