@@ -220,5 +220,5 @@ def test_the_command_over_a_box(tmp_path, monkeypatch, boxed):
     report = Path("out/report.md").read_text()
     assert "applied as their sources apply them" in report
     assert "PSM yields no lambda > 0 for light" in report
-    assert "No limit is known for a product of E_p and E_q." in report
-    assert told["no_limit_because"] == boxed.no_limit_because
+    assert "No lower bound is known for a product of E_p and E_q." in report
+    assert told["no_limit_because"] == boxed.no_bound_because
