@@ -371,7 +371,7 @@ def test_the_table_and_the_record_say_what_the_library_says(written, comparison)
     assert [row["rule"] for row in ranked] == comparison.order()
     assert [row["place"] for row in ranked] == [str(k) for k in range(1, 15)] + [""] * 4
     for row in ranked:
-        worst = comparison.worst(row["rule"], "limit")
+        worst = comparison.worst(row["rule"], "bound")
         assert float(row["worst_over_limit"]) == worst.ratio
         assert float(row["at_theta_deg_over_limit"]) == np.rad2deg(worst.theta)
 
