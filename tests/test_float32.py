@@ -1,5 +1,6 @@
 """float32 in, float32 out, to a multiple of its eps; and the angles that only float32 can write."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -83,3 +84,26 @@ def test_large_ratios_do_not_overflow():
     )
     assert bool(jnp.isfinite(single.value).all())
     np.testing.assert_allclose(single.warp.eta, double.warp.eta, rtol=2000 * EPS)
+
+
+@pytest.mark.parametrize("metric", ["p", "q", "pxq"])
+def test_single_precision_stays_single(metric):
+    """Traced for dtypes alone, every path: closed form, moments, quadrature, iteration. float64 is allowed here."""
+    for norm, measure, options in (
+        ("inf", "screen", {}),
+        ("inf", "axis", {}),
+        ("inf", "screen", {"method": "iterative"}),
+        ("l1", "ground", {}),
+        ("l2", "axis", {"method": "iterative"}),
+        (1.7, "screen", {}),
+    ):
+        objective = warpopt.Objective(metric, norm, measure)
+
+        def verbs(view, objective=objective, options=options):
+            solution = warpopt.optimal_warp(view, objective, throw=False, **options)
+            warp = warpopt.Warp.from_eta(jnp.float32(0.3), view)
+            return solution, warpopt.error_norm(view, solution, objective), warpopt.error_norm(view, warp, objective)
+
+        shapes = jax.tree.leaves(jax.eval_shape(verbs, SINGLE))
+        found = {leaf.dtype for leaf in shapes if jnp.issubdtype(leaf.dtype, jnp.floating)}
+        assert found == {np.dtype(np.float32)}, (norm, measure, options)

@@ -7,7 +7,7 @@ import pytest
 
 import warpopt
 from warpopt import Camera, DirectionalLight, Objective, SceneView, optimal_warp
-from warpopt.receivers import ConvexBody, DepthBuffer, PointReceivers, WholeFrustum
+from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, PointReceivers, WholeFrustum
 
 EPS = float(np.finfo(np.float32).eps)
 LIGHTS = np.array([[0.4, -1, -0.3], [0, -1, 0], [0.01, -0.02, 1], [0.7, 0.6, -0.2]], np.float32)
@@ -55,3 +55,40 @@ def test_single_precision_is_as_good_as_its_rounding(kind, metric, norm):
         matrix = warpopt.shadow_matrix(view, found)
         assert matrix.dtype == np.float32
         assert jnp.isfinite(matrix).all()
+
+
+SMALL = np.where(np.arange(8)[:, None] < 3, 0, np.geomspace(500, 2, 8)[:, None] + np.arange(9)).astype(np.float32)
+EVERY_KIND = {
+    "frustum": WholeFrustum(),
+    "box": ConvexBody.box(*np.array([[-40, -3, -300], [50, 9, -1]], np.float32)),
+    "points": PointReceivers(np.array([[0, 0, -5], [1, 0, -9], [-1, 2, -30]], np.float32)),
+    "weights": PointReceivers(np.array([[0, 0, -5], [1, 0, -9]], np.float32), np.array([1, 2], np.float32)),
+    "buffer": DepthBuffer(SMALL),
+    "histogram": DepthHistogram(np.array([2, 9, 300], np.float32), np.array([1, 2], np.float32)),
+}
+
+
+@pytest.mark.parametrize("kind", EVERY_KIND)
+def test_single_precision_stays_single(kind):
+    """Every metric and norm, with float64 allowed: no constant of the library widens what is float32.
+
+    Nothing is compiled: traced for its dtypes alone. Killed: exponents of E_max as an array of JAX's default dtype.
+    """
+    camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), np.float32(1), np.float32(1000), np.float32(0.45))
+    camera = jax.tree.map(lambda v: v.astype(np.float32), camera)
+    light = DirectionalLight(LIGHTS[0])
+    if kind == "points":  # resolutions are float64 here: whole numbers, whose precision decides nothing
+        view = SceneView(camera, light, EVERY_KIND[kind], screen=(1920, 1080), shadow_map=(2048, 1024))
+    else:
+        view = SceneView(camera, light, EVERY_KIND[kind])
+    for metric, norm in (("p", "inf"), ("q", "inf"), ("max", "inf"), ("p", "l2"), ("q", "l2"), ("pxq", "l1")):
+        objective = Objective(metric, norm)
+
+        def verbs(view, objective=objective):
+            solution = optimal_warp(view, objective, throw=False)
+            norms = warpopt.error_norm(view, solution, objective)
+            return solution, norms, warpopt.shadow_matrix(view, solution, padding=(0.01, 0.02))
+
+        shapes = jax.tree.leaves(jax.eval_shape(verbs, view))
+        found = {leaf.dtype for leaf in shapes if jnp.issubdtype(leaf.dtype, jnp.floating)}
+        assert found == {np.dtype(np.float32)}, (metric, norm)

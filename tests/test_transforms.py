@@ -7,7 +7,12 @@ import pytest
 import scenes
 
 import warpopt
-from warpopt.solve import frusta
+from warpopt.bound import lower_bound as bounds
+from warpopt.compare import over_scene, rule_set
+from warpopt.receivers import ConvexBody
+from warpopt.render import shadow_matrix as matrices
+from warpopt.solve import chunks, frusta, scene
+from warpopt.solve import optimal_warp as solver
 
 EPS = np.finfo(np.float64).eps
 FRUSTUM, THETA = scenes.batch()
@@ -96,3 +101,75 @@ def test_solutions_and_warps_are_trees():
     same = jax.jit(lambda w: w)(warp)
     assert isinstance(same, warpopt.Warp)
     np.testing.assert_array_equal(same.eta, warp.eta)
+
+
+def test_a_new_resolution_compiles_nothing():
+    """Screen, shadow map, floor of eta, padding and the box' bounds are traced values; each took seconds anew.
+
+    Killed: any of them as a static argument, integers in the place of floats as another program.
+    """
+    camera = warpopt.Camera((0, 2, 0), (0, -0.1, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=0.45)
+    objective = warpopt.Objective("q")
+    programs = scene.solve_scene, scene.norms_over_scene, matrices._matrix, over_scene._over_lights
+
+    def run(screen, shadow_map, min_eta, depth):
+        light, box = warpopt.DirectionalLight((0.3, -1, depth / 100)), ConvexBody.box((-9, 0, -depth), (9, 3, -5))
+        view = warpopt.SceneView(camera, light, box, screen=screen, shadow_map=shadow_map)
+        solution = warpopt.optimal_warp(view, objective, min_eta=min_eta)
+        norm = warpopt.error_norm(view, solution, objective)
+        matrix = warpopt.shadow_matrix(view, solution, padding=(1 / shadow_map[0], 1 / shadow_map[1]))
+        lights = jax.tree.map(lambda v: v[None], light)
+        several = warpopt.SceneView(camera, lights, box, screen=screen, shadow_map=shadow_map)
+        found = warpopt.compare_rules(several, "psm", objective, min_eta=min_eta)
+        return norm, matrix, found.unwarped
+
+    first = run((1920, 1080), (2048, 2048), 1e-4, 60.0)
+    before = [program._cache_size() for program in programs]
+    for changed in (((1280.0, 720.0), (512, 1024), 1e-4, 60.0), ([640, 480], (64, 32), np.float64(1e-3), 40.0)):
+        other = run(*changed)
+        assert all(np.any(np.asarray(a) != np.asarray(b)) for a, b in zip(first, other, strict=True))
+    assert [program._cache_size() for program in programs] == before
+
+
+def test_a_new_frustum_compiles_nothing_in_a_comparison_and_a_bound():
+    view = warpopt.FrustumView(warpopt.ViewFrustum(1.0, 100.0, 0.5), np.linspace(0.2, 1.5, 16))
+    warpopt.compare_rules(view, ["lispsm", "tsm"])
+    programs = rule_set._own, frusta.solve_and_compare, bounds.bound_frusta
+    before = [program._cache_size() for program in programs]
+    other = warpopt.FrustumView(warpopt.ViewFrustum(0.3, 70.0, 0.7), np.linspace(0.3, 1.4, 16))
+    found = warpopt.compare_rules(other, ["lispsm", "tsm"])
+    assert np.isfinite(found.values).all()
+    assert [program._cache_size() for program in programs] == before
+
+
+def test_a_comparison_of_many_directions_goes_by_blocks(monkeypatch):
+    """No compiled program is given more than a block of directions, whatever the rules; and the values are the same.
+
+    Killed: rules, optima or bounds of a comparison in one call, whose memory grows with the number of directions.
+    """
+    theta = np.linspace(0.1, 1.5, 1500)
+    view = warpopt.FrustumView(warpopt.ViewFrustum(1.0, 50.0, 0.5), theta)
+    whole = warpopt.compare_rules(view, ["lispsm", "tsm"])
+    monkeypatch.setattr(chunks, "_BLOCK", 512)
+    sizes = {}
+
+    def recorded(module, name):
+        program = getattr(module, name)
+
+        def call(*arguments):
+            leaves = jax.tree.leaves(arguments)
+            sizes.setdefault(name, []).append(max(np.size(leaf) for leaf in leaves if not isinstance(leaf, str)))
+            return program(*arguments)
+
+        monkeypatch.setattr(module, name, call)
+
+    recorded(rule_set, "_own")
+    recorded(solver, "solve_and_compare")
+    recorded(bounds, "bound_frusta")
+    pieces = warpopt.compare_rules(view, ["lispsm", "tsm"])
+    assert {name: max(seen) for name, seen in sizes.items()} == dict.fromkeys(
+        ("_own", "solve_and_compare", "bound_frusta"), 512
+    )
+    for name in ("eta", "values", "unwarped", "bound"):
+        np.testing.assert_allclose(getattr(pieces, name), getattr(whole, name), rtol=8 * EPS)
+    assert pieces.regions == whole.regions

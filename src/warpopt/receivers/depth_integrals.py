@@ -44,7 +44,7 @@ def log_depth_nodes(count: int, log_ratio: "np.ndarray | Array", xp=np):
     for 48 nodes to reach rounding at f/n = 1e13.
     """
     nodes, weights = _gauss_legendre(count) if xp is np else np.polynomial.legendre.leggauss(count)
-    t, one_minus_t, w = (1 + nodes) / 2, (1 - nodes) / 2, weights / 2
+    t, one_minus_t, w = (v.astype(log_ratio.dtype) for v in ((1 + nodes) / 2, (1 - nodes) / 2, weights / 2))
     L = log_ratio[..., None]
     p = xp.expm1(t * L) / xp.expm1(L)
     q = xp.expm1(-one_minus_t * L) / xp.expm1(-L)

@@ -108,14 +108,14 @@ def shadow_matrix(
         if casters.ndim != 2 or casters.shape[1] != 3:
             raise ValueError(f"casters: got shape {casters.shape}, expected (N, 3)")
         casters = checked("casters", casters, lambda v: abs(v) < np.inf, "finite numbers")
-    matrix, lost = _matrix(view, warp, casters, clip_space, padding)
+    matrix, lost = _matrix(view, warp, casters, np.array(padding), clip_space)
     refuse_lost(lost)
     return matrix
 
 
-@functools.partial(jax.jit, static_argnames=("clip_space", "padding"))
+@functools.partial(jax.jit, static_argnames=("clip_space",))
 def _matrix(
-    view: SceneView, warp: Warp, casters: Array | None, clip_space: ClipSpace, padding: tuple[float, float]
+    view: SceneView, warp: Warp, casters: Array | None, padding: Array, clip_space: ClipSpace
 ) -> tuple[Array, Array]:
     camera, frame = view.camera, view.frame()
     footprint = view.receivers.footprint(camera, frame, Objective())
@@ -137,13 +137,13 @@ def _matrix(
     w_p = jnp.eye(4, dtype=mu.dtype).at[3].set(jnp.stack([jnp.zeros_like(eta), jnp.zeros_like(eta), 1 - eta, eta]))
     # F: to t, depth and s in [0, 1], then to clip space.
     span = jnp.where(largest > least, largest - least, 1)
-    pad_t, pad_s = padding
     f = _affine(
         jnp.diag(jnp.stack([mu / width, mu / span, jnp.ones_like(mu)])),
         jnp.stack([jnp.where(left + right > 0, left / width, 0.5), -least / span, jnp.zeros_like(mu)]),
     )
-    inner = np.diag([1 - 2 * pad_t, 1.0, 1 - 2 * pad_s, 1.0]).astype(mu.dtype)
-    inner[0, 3], inner[2, 3] = pad_t, pad_s
+    pad_t, pad_s = padding.astype(mu.dtype)
+    inner = jnp.diag(jnp.stack([1 - 2 * pad_t, jnp.ones_like(mu), 1 - 2 * pad_s, jnp.ones_like(mu)]))
+    inner = inner.at[0, 3].set(pad_t).at[2, 3].set(pad_s)
     matrix = _to_clip(clip_space, mu.dtype) @ inner @ f @ w_p @ w_v @ l_p @ l_v
     return matrix.T if clip_space.row_vectors else matrix, warp.lost_over(own)
 

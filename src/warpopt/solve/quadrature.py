@@ -136,7 +136,7 @@ def _log_integrals(mean: QuadratureMean, eta: Array, power: float, factors) -> l
     span = (1 - eta) * (2 * space.slope / space.mu_over_near)[..., None] * jnp.exp(log_z) / blend
     growth = jnp.maximum(jnp.log1p(span), 1e-20)[..., None]  # expm1(g v)/expm1(g) is v to rounding there
     points, heights = np.polynomial.legendre.leggauss(max(nodes // 2, 8))
-    v, w = (1 + points) / 2, (1 - points) / 2
+    v, w, heights = (nodes.astype(growth.dtype) for nodes in ((1 + points) / 2, (1 - points) / 2, heights))
     u = jnp.expm1(growth * v) / jnp.expm1(growth)
     u_rest = jnp.exp(growth * v) * jnp.expm1(growth * w) / jnp.expm1(growth)
     ends = zip(lower, upper, strict=True)
