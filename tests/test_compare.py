@@ -282,8 +282,8 @@ def test_a_users_rule_is_a_rule(comparison):
 def test_a_rule_of_one_angle_is_called_for_each():
     """`math` and an `if`, which no array passes; the shipped examples, one of each kind, from their module."""
     own = own_rules(RulesConfig(own={"half": "my_rules:half_way", "overhead": "my_rules:overhead"}), CONFIGS)
-    eta, defined = rule_set.warps_of(own, FRUSTUM, jnp.asarray(THETA))
-    assert defined.all()
+    eta, defined = rule_set.warps_of(own, warpopt.FrustumView(FRUSTUM, THETA))
+    assert np.all(defined)
     np.testing.assert_allclose(eta[0] ** 2, warpopt.rules.lispsm(FRUSTUM, THETA).eta, rtol=4 * EPS)
     mu = np.asarray(warpopt.theory.LightSpace(FRUSTUM, jnp.asarray(THETA)).mu)
     np.testing.assert_allclose(eta[1], np.where(THETA < math.radians(10), 1, 11 / (11 + mu)), rtol=8 * EPS)
@@ -351,18 +351,18 @@ def test_the_table_and_the_record_say_what_the_library_says(written, comparison)
     for i, name in enumerate(comparison.names):
         ratios = [float(r["over_optimum"] or "nan") for r in mine if r["rule"] == name]
         np.testing.assert_array_equal(ratios, comparison.ratio[i])
-    assert all(r["over_bound"] == r["limit"] == "" for r in rows if r["metric"] == "pxq")  # no limit is known
+    assert all(r["over_limit"] == r["limit"] == "" for r in rows if r["metric"] == "pxq")  # no limit is known
     told = strict(out / "compare.json")["objectives"]
     assert [o["metric"] for o in told] == ["p", "pxq"]
     assert told[0]["ranking"] == comparison.ranking()
     assert told[0]["limit"] == comparison.bound.tolist()
     assert told[1]["limit"] is None
-    assert [o["no_limit_because"] for o in told] == [None, "No limit is known for a product of E_p and E_q."]
+    assert [o["no_limit_because"] for o in told] == [None, "No lower bound is known for a product of E_p and E_q."]
     lispsm = told[0]["rules"]["lispsm"]
     assert lispsm["regions_deg"]["worse"] == [list(np.rad2deg(comparison.regions["worse"]["lispsm"][0]))]
     assert lispsm["mean_over_optimum"] == comparison.mean("lispsm")
     assert told[0]["rules"]["psm"]["over_optimum"][0] is None
-    peak, psm = lispsm["worst_over_bound"], told[0]["rules"]["psm"]["worst_over_optimum"]
+    peak, psm = lispsm["worst_over_limit"], told[0]["rules"]["psm"]["worst_over_optimum"]
     assert (peak["ratio"], math.radians(peak["theta_deg"])) == pytest.approx(comparison.worst("lispsm", "limit")[:2])
     assert (psm["ratio"], psm["unbounded"], psm["theta_deg"]) == (None, True, pytest.approx(30.0, rel=1e-9))
     assert told[1]["rules"]["lispsm"]["worst_over_bound"] is None
@@ -385,7 +385,7 @@ def test_the_report_ranks_in_words(written, comparison):
     assert "| 2.99 | 29.58 deg |" in text  # Veloren's, between two directions
     assert "| - | unbounded | 30 deg | unbounded | 30 deg |" in text
     assert "The optimum's error is 1.96 to 17.8 times the limit." in text
-    assert "No limit is known for a product of E_p and E_q." in text
+    assert "No lower bound is known for a product of E_p and E_q." in text
     assert f"**{rule_title(comparison.ranking()[0])}** is best on average: " in text
     assert f"| 1 | {rule_title(comparison.ranking()[0])} | " in text
     assert text.index("![map](map.png)") < text.index("![curves](curves.png)")
@@ -404,7 +404,7 @@ def test_figures_are_drawn_and_written(written, comparison):
     out = written / "out"
     assert (out / "map.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     assert (out / "curves.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-    every = figures.curves_figure([Compared("p", "inf", None, comparison)]).axes[0]
+    every = figures.curves_figure([Compared(warpopt.Objective("p"), None, comparison)]).axes[0]
     shown = {text.get_text() for text in every.texts}
     assert {"tenth", "no warp", rule_title(comparison.ranking()[0])} <= shown
     thin = [line for line in every.lines if line.get_linewidth() < 1 and line.get_label().startswith("rule ")]
@@ -413,7 +413,7 @@ def test_figures_are_drawn_and_written(written, comparison):
     rows = [comparison.names.index(name) for name in names]
     fewer = {field: getattr(comparison, field)[rows] for field in ("eta", "defined", "values")}
     few = dataclasses.replace(comparison, names=names, **fewer)
-    figure = figures.curves_figure([Compared("p", "inf", None, few)])
+    figure = figures.curves_figure([Compared(warpopt.Objective("p"), None, few)])
     drawn = {line.get_label(): line.get_ydata() for line in figure.axes[0].lines}
     np.testing.assert_array_equal(drawn["rule tenth"], few.ratio[1])
     (strip,) = figure.axes[1].lines

@@ -111,7 +111,7 @@ def test_the_error_norm_is_least_at_the_optimum(boxed, vertices):
     assert values[0] > values[1] < values[2]
     with pytest.raises(ValueError, match=r"eta: got 0.0, expected a number in \(0, 1\]"):
         warpopt.Warp.from_eta(0.0, view.footprint())
-    with pytest.raises(ValueError, match="receivers: got 3, expected a Receivers"):
+    with pytest.raises(ValueError, match="receivers: got 3, expected one of warpopt.receivers"):
         warpopt.SceneView(CAMERA, light, 3)
 
 
@@ -220,5 +220,5 @@ def test_the_command_over_a_box(tmp_path, monkeypatch, boxed):
     report = Path("out/report.md").read_text()
     assert "applied as their sources apply them" in report
     assert "PSM yields no lambda > 0 for light" in report
-    assert "No limit is known for a product of E_p and E_q." in report
-    assert told["no_limit_because"] == boxed.no_limit_because
+    assert "No lower bound is known for a product of E_p and E_q." in report
+    assert told["no_limit_because"] == boxed.no_bound_because
