@@ -282,7 +282,7 @@ def test_a_users_rule_is_a_rule(comparison):
 def test_a_rule_of_one_angle_is_called_for_each():
     """`math` and an `if`, which no array passes; the shipped examples, one of each kind, from their module."""
     own = own_rules(RulesConfig(own={"half": "my_rules:half_way", "overhead": "my_rules:overhead"}), CONFIGS)
-    eta, defined = rule_set.warps_of(own, warpopt.FrustumView(FRUSTUM, THETA))
+    eta, defined = rule_set.warps_of(own, VIEW)
     assert np.all(defined)
     np.testing.assert_allclose(eta[0] ** 2, warpopt.rules.lispsm(FRUSTUM, THETA).eta, rtol=4 * EPS)
     mu = np.asarray(warpopt.theory.LightSpace(FRUSTUM, jnp.asarray(THETA)).mu)
@@ -363,17 +363,17 @@ def test_the_table_and_the_record_say_what_the_library_says(written, comparison)
     assert lispsm["mean_over_optimum"] == comparison.mean("lispsm")
     assert told[0]["rules"]["psm"]["over_optimum"][0] is None
     peak, psm = lispsm["worst_over_limit"], told[0]["rules"]["psm"]["worst_over_optimum"]
-    assert (peak["ratio"], math.radians(peak["theta_deg"])) == pytest.approx(comparison.worst("lispsm", "limit")[:2])
+    assert (peak["ratio"], math.radians(peak["theta_deg"])) == pytest.approx(comparison.worst("lispsm", "bound")[:2])
     assert (psm["ratio"], psm["unbounded"], psm["theta_deg"]) == (None, True, pytest.approx(30.0, rel=1e-9))
-    assert told[1]["rules"]["lispsm"]["worst_over_bound"] is None
+    assert told[1]["rules"]["lispsm"]["worst_over_limit"] is None
     with (out / "ranking.csv").open() as file:
         ranked = [row for row in csv.DictReader(file) if row["metric"] == "p"]
     assert [row["rule"] for row in ranked] == comparison.order()
     assert [row["place"] for row in ranked] == [str(k) for k in range(1, 15)] + [""] * 4
     for row in ranked:
-        worst = comparison.worst(row["rule"], "limit")
-        assert float(row["worst_over_bound"]) == worst.ratio
-        assert float(row["at_theta_deg_over_bound"]) == np.rad2deg(worst.theta)
+        worst = comparison.worst(row["rule"], "bound")
+        assert float(row["worst_over_limit"]) == worst.ratio
+        assert float(row["at_theta_deg_over_limit"]) == np.rad2deg(worst.theta)
 
 
 def test_the_report_ranks_in_words(written, comparison):
@@ -404,7 +404,7 @@ def test_figures_are_drawn_and_written(written, comparison):
     out = written / "out"
     assert (out / "map.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     assert (out / "curves.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-    every = figures.curves_figure([Compared(warpopt.Objective("p"), None, comparison)]).axes[0]
+    every = figures.curves_figure([Compared(warpopt.Objective(), None, comparison)]).axes[0]
     shown = {text.get_text() for text in every.texts}
     assert {"tenth", "no warp", rule_title(comparison.ranking()[0])} <= shown
     thin = [line for line in every.lines if line.get_linewidth() < 1 and line.get_label().startswith("rule ")]
@@ -413,11 +413,11 @@ def test_figures_are_drawn_and_written(written, comparison):
     rows = [comparison.names.index(name) for name in names]
     fewer = {field: getattr(comparison, field)[rows] for field in ("eta", "defined", "values")}
     few = dataclasses.replace(comparison, names=names, **fewer)
-    figure = figures.curves_figure([Compared(warpopt.Objective("p"), None, few)])
+    figure = figures.curves_figure([Compared(warpopt.Objective(), None, few)])
     drawn = {line.get_label(): line.get_ydata() for line in figure.axes[0].lines}
     np.testing.assert_array_equal(drawn["rule tenth"], few.ratio[1])
     (strip,) = figure.axes[1].lines
-    np.testing.assert_array_equal(strip.get_ydata(), few.solution.value / few.limit)
+    np.testing.assert_array_equal(strip.get_ydata(), few.solution.value / few.bound)
     figure.canvas.draw()
     texts = [text.get_text() for text in figure.axes[0].texts]
     assert {"tenth", "TSM alternative"} <= set(texts)

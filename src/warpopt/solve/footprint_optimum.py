@@ -84,9 +84,7 @@ class LogNorm(eqx.Module):
         alpha, beta = (
             (term.alpha, term.beta)
             if len(self.terms) == 1
-            else (
-                jnp.array([getattr(t, name) for t in self.terms], eta.dtype)[active.term] for name in ("alpha", "beta")
-            )
+            else (jnp.array([getattr(t, n) for t in self.terms], eta.dtype)[active.term] for n in ("alpha", "beta"))
         )
         if self.objective is not None:
             top = _polynomial_slope(self.footprint.moments, eta) / self.objective.order
