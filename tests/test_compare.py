@@ -283,7 +283,7 @@ def test_a_rule_of_one_angle_is_called_for_each():
     """`math` and an `if`, which no array passes; the shipped examples, one of each kind, from their module."""
     own = own_rules(RulesConfig(own={"half": "my_rules:half_way", "overhead": "my_rules:overhead"}), CONFIGS)
     eta, defined = rule_set.warps_of(own, VIEW)
-    assert defined.all()
+    assert np.all(defined)
     np.testing.assert_allclose(eta[0] ** 2, warpopt.rules.lispsm(FRUSTUM, THETA).eta, rtol=4 * EPS)
     mu = np.asarray(warpopt.theory.LightSpace(FRUSTUM, jnp.asarray(THETA)).mu)
     np.testing.assert_allclose(eta[1], np.where(THETA < math.radians(10), 1, 11 / (11 + mu)), rtol=8 * EPS)

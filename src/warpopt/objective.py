@@ -64,6 +64,10 @@ METRICS: dict[str, tuple[Metric, ...]] = {
 }
 
 
+PRODUCTS = tuple(name for name, terms in METRICS.items() if len(terms) == 1)
+"""Of these, the ones that a view frustum takes: one product of E_p and E_q."""
+
+
 @dataclasses.dataclass(frozen=True, init=False)
 class Objective:
     """A norm of an aliasing error; hashable, so that a compiled solver can be specialised to it.

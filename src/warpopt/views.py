@@ -7,7 +7,7 @@ import jax
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from ._checks import instance
+from ._checks import instance, shown
 from .objective import Objective, objective_or_default
 from .receivers.footprint import Footprint
 from .receivers.receivers import Receivers
@@ -103,7 +103,11 @@ class SceneView(eqx.Module):
         instance("camera", camera, Camera)
         instance("light", light, DirectionalLight)
         receivers = WholeFrustum() if receivers is None else receivers
-        instance("receivers", receivers, Receivers)
+        if not isinstance(receivers, Receivers):
+            raise ValueError(
+                f"receivers: got {shown(receivers)}, expected one of warpopt.receivers, or a kind of your own that "
+                "derives from its Receivers"
+            )
         self.camera, self.light, self.receivers = camera, light, receivers
         self.screen, self.shadow_map = resolutions(screen, shadow_map)
 

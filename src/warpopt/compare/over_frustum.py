@@ -1,5 +1,6 @@
 """Every rule beside the optimum and the lower bound, over the light directions of one view frustum."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
@@ -30,10 +31,11 @@ def compare_over_frustum(view: FrustumView, rules: dict[str, Rule], objective: O
 
     def evaluate(theta: NDArray):
         at = FrustumView(frustum, theta)
-        eta, defined = warps_of(rules, at)
-        solution, values = optimum_and_norms(at, jnp.concatenate([eta, jnp.ones_like(eta[:1])]), objective)
+        etas, defined = warps_of(rules, at)
+        solution, values = optimum_and_norms(at, [*etas, jnp.ones_like(etas[0])], objective)
+        eta, defined, values = (np.stack(jax.device_get(each)) for each in (etas, defined, values))
         values = np.where(failed(np.asarray(solution.result)), np.nan, values)
-        return solution, *map(np.asarray, (eta, defined)), np.where(defined, values[:-1], np.nan), values[-1]
+        return solution, eta, defined, np.where(defined, values[:-1], np.nan), values[-1]
 
     def least(theta: NDArray) -> NDArray | None:
         return None if reason else np.asarray(lower_bound(FrustumView(frustum, theta), objective))

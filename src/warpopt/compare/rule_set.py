@@ -73,8 +73,8 @@ def takes_body(name: str, rule: Rule) -> bool:
     return KNOWN.get(name) is rule and registry.EVERY[name].takes_body
 
 
-def warps_of(rules: Mapping[str, Rule], view: FrustumView) -> tuple[Array, Array]:
-    """(eta, defined) over V of every rule over all directions, of shape (rules, directions).
+def warps_of(rules: Mapping[str, Rule], view: FrustumView) -> tuple[list[Array], list[Array]]:
+    """(each rule's eta over V, where it is defined), over all directions.
 
     warpopt's own rules are one compiled call. Others are called as they are, on concrete arrays, so that they may
     branch, print, or use NumPy; those that an array is too much for (`math.sin`, an `if`), with one angle at a time.
@@ -91,7 +91,7 @@ def warps_of(rules: Mapping[str, Rule], view: FrustumView) -> tuple[Array, Array
         else:
             warp = _called(name, rule, view).over(view)
             found.append((jnp.where(jnp.isnan(warp.eta), 1, warp.eta), warp.defined))
-    return tuple(jnp.stack(fields) for fields in zip(*found, strict=True))
+    return tuple(map(list, zip(*found, strict=True)))
 
 
 def warps_over(rules: Mapping[str, Rule], view: FrustumView) -> Warp:

@@ -19,7 +19,8 @@ class Receivers(eqx.Module):
     """Receivers of any kind. Nothing outside this package asks which kind they are.
 
     A kind of your own is an `equinox.Module` that derives from this class. `footprint` is all that `optimal_warp`,
-    `error_norm` and `shadow_matrix` need; without the other two, rules over it and lower bounds are refused in words.
+    `error_norm` and `shadow_matrix` need (`warpopt.receivers.bins` has what it is made of: extents of groups, and
+    moments for L_P norms); without the other two, rules over it and lower bounds are refused in words.
 
     Attributes:
         measures: the measures that L_P norms over this kind may be taken over; a set has weights of its own.

@@ -1,6 +1,7 @@
 """The optimal warp, and the norm of any: a view and an objective in, eta with its certificate out."""
 
-import jax.numpy as jnp
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -110,17 +111,16 @@ def error_norm(
 
 
 def optimum_and_norms(
-    view: FrustumView, eta: Float[Array, "R ..."], objective: Objective
-) -> tuple[Solution, Float[Array, "R ..."]]:
-    """The optima over frusta, and the norms of R other warps over V for each, in one call that shares what both need.
+    view: FrustumView, etas: Sequence[Float[Array, "..."]], objective: Objective
+) -> tuple[Solution, list[Float[Array, "..."]]]:
+    """The optima over frusta, and the norms of other warps over V for each, in one call that shares what both need.
 
     Args:
         view: of any shape.
-        eta: of each warp, for each problem.
+        etas: each warp's, of shapes that broadcast with the view's.
         objective: as for `optimal_warp`. Failed solves are told by `Solution.result`.
     """
-    solution, values = in_blocks(solve_and_compare, (view.frustum, view.theta, list(eta)), objective)
-    return solution, jnp.stack(values)
+    return in_blocks(solve_and_compare, (view.frustum, view.theta, list(etas)), objective)
 
 
 def checked_min_eta(min_eta: float) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 import pydantic
 from pydantic import Field
 
-from warpopt.objective import Measure, Objective, norm_name, order_of
+from warpopt.objective import PRODUCTS, Measure, Objective, norm_name, order_of
 
 
 class ConfigError(Exception):
@@ -27,7 +27,7 @@ class Section(pydantic.BaseModel):
 Positive = Annotated[float, Field(gt=0, strict=True)]
 HalfFovDeg = Annotated[float, Field(gt=0, lt=90, strict=True)]
 ThetaDeg = Annotated[float, Field(ge=0, le=180, strict=True)]
-Metric = Literal["p", "q", "pxq"]
+Metric = Literal[*PRODUCTS]  # pyright: ignore[reportInvalidTypeForm]
 
 
 def _norm(value: Any) -> Any:

@@ -67,7 +67,7 @@ class BlockSolver:
         theta = jax.device_put(self._theta[directions], device)
         warps = _rules(frustum, theta)
         view = warpopt.FrustumView(frustum, theta)
-        etas = jax.numpy.stack(jax.numpy.broadcast_arrays(*(warp.eta for warp in warps)))
+        etas = [warp.eta for warp in warps]
         progress("rules")
 
         def solve(objective: Objective) -> Block:
@@ -79,7 +79,7 @@ class BlockSolver:
                 "value": value,
                 "result": solution.result,
                 "residual": solution.residual,
-                "ratio": np.asarray(values) / value,
+                "ratio": np.stack(jax.device_get(values)) / value,
                 "limit": np.broadcast_to(np.asarray(least, value.dtype), value.shape),
             }
             return {**self._curves(solution.warp), **found}
