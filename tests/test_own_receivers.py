@@ -141,7 +141,7 @@ def test_what_only_looks_like_receivers_is_none():
         def footprint(self, camera, frame, objective):
             return None
 
-    with pytest.raises(ValueError, match=r"^receivers: got .*, expected a Receivers"):
+    with pytest.raises(ValueError, match=r"^receivers: got .*, expected one of"):
         SceneView(CAMERA, LIGHT, Alike())
     with pytest.raises(TypeError, match="abstract"):
         Receivers()

@@ -115,7 +115,11 @@ class Comparison:
         direction beside them has the largest ratio, or if they are where the rule begins or ends to be defined. Of
         places that are alike to rounding the first.
         """
-        ratios = {"optimum": self.ratio, "bound": self.over_bound, "no_warp": self.over_no_warp}[over]
+        every = {"optimum": self.ratio, "bound": self.over_bound, "no_warp": self.over_no_warp}
+        for what, got, known in (("name", name, self.names), ("over", over, tuple(every))):
+            if got not in known:
+                raise ValueError(f"{what}: got {got!r}, expected one of {', '.join(map(repr, known))}")
+        ratios = every[over]
         ratio = np.full(1, np.nan) if ratios is None else ratios[self.names.index(name)]
         if np.isnan(ratio).all():
             return Worst(float("nan"), float("nan"), -1)

@@ -9,6 +9,7 @@ from ..objective import Objective
 from ..theory.camera import Camera, DirectionalLight
 from ..theory.light_frame import LightFrame
 from .footprint import Footprint
+from .profiles.profile import DepthProfile
 from .receivers import EVERY_MEASURE, Receivers
 
 
@@ -41,6 +42,17 @@ class Reduced(Receivers):
         if self.extent is None:
             raise ValueError(f"receivers: got {self.kind}, which has no depth_extent, as rules over it need")
         return self.extent
+
+    def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> DepthProfile:
+        """See `Receivers`.
+
+        Raises:
+            ValueError: always: a footprint has no profile.
+        """
+        raise ValueError(
+            f"receivers: got {self.kind} reduced to a footprint, which has no depth_profile, as lower bounds need; "
+            "expected the receivers themselves"
+        )
 
     def check(self, camera: Camera, light: DirectionalLight, objective: Objective | None) -> None:
         """See `Receivers`.

@@ -63,6 +63,7 @@ def aggregate(terms: tuple[Metric, ...], e_p: Float[Array, "..."], e_q: Float[Ar
 
 def _over(warp: Warp, space: LightSpace) -> Warp:
     """The warp over V, whatever body it was made for."""
+    warp = getattr(warp, "warp", warp)  # a solution's
     instance("warp", warp, Warp)
     own = warp.over(space)
     refuse_lost(warp.lost_over(own))
