@@ -18,6 +18,12 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # workers have their parent's
         "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
     }
 
+if os.environ.get("WARPOPT_CHECK_TYPES"):
+    # Every call's shapes and types, against the signatures; slower, so for one lane of the tests.
+    from jaxtyping import install_import_hook
+
+    install_import_hook("warpopt", "type_checker.checked")
+
 from warpopt.app.common.jax_settings import prepare_jax
 
 prepare_jax()

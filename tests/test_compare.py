@@ -178,7 +178,7 @@ def test_worst_mean_and_ranking(comparison):
     worst = comparison.worst("lispsm")
     assert worst.ratio == pytest.approx(ratio.max(), rel=1e-9)  # a kink, which is one of the directions
     assert worst.ratio == pytest.approx(1.79, abs=0.005)
-    assert worst.index == ratio.argmax()
+    assert worst.nearest == ratio.argmax()
     assert worst.theta == pytest.approx(PHI, rel=1e-9)
     mean = np.trapezoid(ratio, THETA) / (THETA[-1] - THETA[0])
     assert comparison.mean("lispsm") == pytest.approx(mean, rel=8 * EPS)
@@ -187,7 +187,7 @@ def test_worst_mean_and_ranking(comparison):
     assert [comparison.mean(name) for name in ranking] == sorted(map(comparison.mean, ranking))
     nowhere = dataclasses.replace(comparison, values=np.full_like(comparison.values, np.nan))
     assert np.isnan(nowhere.mean("lispsm"))
-    assert nowhere.worst("lispsm").index == -1
+    assert nowhere.worst("lispsm").nearest == -1
 
 
 def test_the_worst_is_found_between_the_directions(comparison):
@@ -204,7 +204,7 @@ def test_the_worst_is_found_between_the_directions(comparison):
         assert worst.ratio == pytest.approx(ratio[0], rel=64 * EPS)
         assert worst.ratio >= ratio.max() * (1 - 64 * EPS)
         assert worst.ratio > 1.005 * np.nanmax(comparison.ratio[comparison.names.index(name)])
-        assert comparison.theta[worst.index] == pytest.approx(PHI)
+        assert comparison.theta[worst.nearest] == pytest.approx(PHI)
 
 
 def test_what_has_no_bound_is_infinite_with_its_place(comparison):

@@ -175,7 +175,7 @@ def test_an_empty_scene_and_bad_lights():
     away = warpopt.receivers.ConvexBody.box((-1, -1, 10), (1, 1, 20))  # behind the camera
     result = warpopt.compare_rules(warpopt.SceneView(CAMERA, lights_of(LIGHTS), away), RULES, E_PXQ)
     assert np.isnan(result.ratio).all()
-    assert result.worst("lispsm_paper").index == -1
+    assert result.worst("lispsm_paper").nearest == -1
     with pytest.raises(ValueError, match=r"light: got direction of shape \(3,\), expected \(T, 3\)"):
         warpopt.compare_rules(warpopt.SceneView(CAMERA, warpopt.DirectionalLight((0, -1, 0)), BODY))
 

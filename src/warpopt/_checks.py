@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
@@ -87,6 +88,11 @@ def joint_shape(**named: Array) -> tuple[int, ...]:
         raise ValueError(f"shapes: got {shapes}, expected ones that broadcast") from None
 
 
+def is_traced(*values: Any) -> bool:
+    """Whether something of the values is known only when a compiled program runs."""
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
+
+
 _TRUSTED = contextvars.ContextVar("trusted", default=False)
 _SMALL = 1024  # entries: a comparison of its own on the device costs more than these do on the host
 
@@ -119,7 +125,7 @@ def checked(name: str, value: Array, valid: Callable[..., Any], expected: str, *
             For a traced value the same words come from `equinox.error_if` at run time; use the returned array.
     """
     arrays = value, *others
-    traced = any(isinstance(array, jax.core.Tracer) for array in arrays)
+    traced = is_traced(arrays)
     if traced and _TRUSTED.get():
         return value
     if not traced and all(array.size <= _SMALL for array in arrays):

@@ -1,5 +1,7 @@
 """Small numerical tools that JAX lacks."""
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -49,7 +51,7 @@ def _over_jvp(primals, tangents):
     return quotient, dx / y - (dy / y) * quotient
 
 
-def horner(coefficients: "list[Array] | tuple[Array, ...]", at: Float[Array, "..."]) -> Float[Array, "..."]:
+def horner(coefficients: Sequence[ArrayLike], at: Float[Array, "..."]) -> Float[Array, "..."]:
     """The polynomial of the given coefficients, highest power first."""
     total = coefficients[0]
     for coefficient in coefficients[1:]:

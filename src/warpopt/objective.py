@@ -3,6 +3,7 @@
 Knows nothing of JAX, so that settings are checked before it is imported.
 """
 
+import contextlib
 import dataclasses
 import math
 import numbers
@@ -38,7 +39,7 @@ class Metric:
     def __post_init__(self):
         for name in ("alpha", "beta"):
             value = getattr(self, name)
-            if isinstance(value, bool) or not (isinstance(value, numbers.Real) and 0 <= value < math.inf):
+            if isinstance(value, bool) or not (isinstance(value, numbers.Real) and 0 <= float(value) < math.inf):
                 raise ValueError(f"metric: got {name} = {value!r}, expected a finite number >= 0")
             object.__setattr__(self, name, float(value))
         if self.alpha == self.beta == 0:
@@ -140,9 +141,10 @@ class Objective:
         Raises:
             ValueError: there are several.
         """
-        if len(self.terms) > 1:
+        term, *others = self.terms
+        if others:
             raise ValueError(f"metric: got {self.name!r}, expected one product of E_p and E_q")
-        return self.terms[0]
+        return term
 
     @property
     def supremum(self) -> bool:
@@ -211,17 +213,15 @@ def order_of(norm: str | float) -> float:
         >>> order_of("l2"), order_of(3), order_of("1.5")
         (2.0, 3.0, 1.5)
     """
-    order = norm
-    if isinstance(norm, str):
-        order = _ORDERS.get(norm)
-        if order is None:
-            try:
-                order = float(norm)
-            except ValueError:
-                order = math.nan
-    if isinstance(order, bool) or not (isinstance(order, numbers.Real) and order >= 1):
+    order = math.nan
+    if isinstance(norm, str) and norm in _ORDERS:
+        order = _ORDERS[norm]
+    elif isinstance(norm, str | numbers.Real) and not isinstance(norm, bool):
+        with contextlib.suppress(ValueError):
+            order = float(norm)
+    if not order >= 1:
         raise ValueError(f"norm: got {norm!r}, expected 'inf', 'l1', 'l2' or a real order >= 1")
-    return float(order)
+    return order
 
 
 def norm_name(order: float) -> str:

@@ -97,8 +97,8 @@ class SceneView(eqx.Module):
         light: DirectionalLight,
         receivers: Receivers | None = None,
         *,
-        screen: ArrayLike | None = None,
-        shadow_map: ArrayLike | None = None,
+        screen: ArrayLike | tuple[float, float] | None = None,
+        shadow_map: ArrayLike | tuple[float, float] | None = None,
     ):
         instance("camera", camera, Camera)
         instance("light", light, DirectionalLight)

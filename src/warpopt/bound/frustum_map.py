@@ -60,4 +60,5 @@ def frustum_stretches(space: LightSpace, objective: Objective, count: int) -> tu
     else:
         ell = math.log1p((x * a - T2) / b)
         middle = stretches(b, lambda v: v, lambda v: (np.full_like(v, longest), v), ell, 1.0)
-    return tuple(np.concatenate(parts) for parts in zip(first, middle, last, strict=True))
+    lengths, shares = (np.concatenate(parts) for parts in zip(first, middle, last, strict=True))
+    return lengths, shares

@@ -1,11 +1,13 @@
 """The least norm that any map of the depth along Z_w reaches, perspective or not, and the map that reaches it."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..objective import Metric, Objective, objective_or_default
 from ..receivers.bins import BINS
+from ..receivers.profiles.profile import DepthProfile
 from ..solve.chunks import in_blocks
 from ..theory.light_frame import LightFrame
 from ..theory.light_space import LightSpace
@@ -109,15 +111,24 @@ def lower_bound_map(
     stretches = profile.stretches(objective.order, knots or _KNOTS_OF_BODY)
     if not stretches.value > 0:
         raise ValueError("receivers: got none, or all at one depth, expected receivers at more than one")
-    numbers = (float(v) for v in (frame.density_p, view.camera.near, view.camera.far, frame.theta))
-    start, mu = float(stretches.at[0]), float(stretches.at[-1] - stretches.at[0])
-    knots_of = running(np.diff(stretches.at), stretches.shares)
-    measure = objective.measure if len(view.receivers.measures) > 1 else "receivers"
-    return BoundMap(*knots_of, stretches.value, start, mu, *numbers, objective.order, measure)
+    delta, s = running(np.diff(stretches.at), stretches.shares)
+    return BoundMap(
+        delta,
+        s,
+        value=stretches.value,
+        start=float(stretches.at[0]),
+        mu=float(stretches.at[-1] - stretches.at[0]),
+        density=float(frame.density_p),
+        near=float(view.camera.near),
+        far=float(view.camera.far),
+        theta=float(frame.theta),
+        order=objective.order,
+        measure=objective.measure if len(view.receivers.measures) > 1 else "receivers",
+    )
 
 
 def _over_frustum(view: FrustumView, objective: Objective, knots: int) -> BoundMap:
-    value = lower_bound(view, objective)
+    value = jnp.asarray(lower_bound(view, objective))
     if value.shape:
         raise ValueError(f"view: got shape {value.shape}, expected one frustum and one light")
     if not value > 0:
@@ -125,9 +136,20 @@ def _over_frustum(view: FrustumView, objective: Objective, knots: int) -> BoundM
             f"theta: got {float(view.theta)} with measure 'axis', expected receivers at more than one depth"
         )
     frustum, space = view.frustum, LightSpace(view.frustum, view.theta)
-    numbers = (float(v) for v in (space.start, space.mu, 1 / space.tan_phi, frustum.near, frustum.far, view.theta))
-    stretches = frustum_stretches(space, objective, knots)
-    return BoundMap(*running(*stretches), float(value), *numbers, objective.order, objective.measure)
+    delta, s = running(*frustum_stretches(space, objective, knots))
+    return BoundMap(
+        delta,
+        s,
+        value=float(value),
+        start=float(space.start),
+        mu=float(space.mu),
+        density=float(1 / space.tan_phi),
+        near=float(frustum.near),
+        far=float(frustum.far),
+        theta=float(view.theta),
+        order=objective.order,
+        measure=objective.measure,
+    )
 
 
 # Compiled: step by step, its many small operations take a hundred times as long.
@@ -136,7 +158,7 @@ def _frame(view: SceneView) -> LightFrame:
     return view.frame()
 
 
-def _profile(view: SceneView, objective: Objective, bins: int):
+def _profile(view: SceneView, objective: Objective, bins: int) -> tuple[LightFrame, DepthProfile]:
     if isinstance(bins, bool) or not isinstance(bins, int) or bins < 1:
         raise ValueError(f"bins: got {bins!r}, expected an integer >= 1")
     one_light(view).receivers.check(view.camera, view.light, objective)

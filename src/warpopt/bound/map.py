@@ -114,7 +114,7 @@ def _checked(fields: dict) -> BoundMap:
     own = {"format": FORMAT} | {name: str(fields[name]) for name in _TEXT} | numbers
     if fields["digest"] != digest_of(own, columns):
         raise ValueError("got contents that its digest does not fit, expected a map as it was written")
-    return BoundMap(**columns, **numbers, order=order, measure=measure)
+    return BoundMap(columns["delta"], columns["s"], **numbers, order=order, measure=measure)
 
 
 def running(lengths: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from ..solve.outcome import failed
+from ..solve.outcome import failed_on_host
 from ..solve.solution import SceneSolution, Solution
 from .peaks import Peak, first_largest
 from .regions import Interval
@@ -22,12 +22,12 @@ class Worst(NamedTuple):
         ratio: value over optimum, lower bound, or no warp's; inf if it grows without bound towards theta, NaN if
             nowhere defined.
         theta: angle between light and view, radians.
-        index: of the direction nearest to it among `Comparison.theta`; -1 if nowhere.
+        nearest: index of the direction nearest to it among `Comparison.theta`; -1 if nowhere.
     """
 
     ratio: float
     theta: float
-    index: int
+    nearest: int
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ class Comparison:
     @property
     def failed(self) -> NDArray:
         """(T,) where the optimum was not found."""
-        return failed(np.asarray(self.solution.result))
+        return failed_on_host(self.solution.result)
 
     def worst(self, name: str, over: Over = "optimum") -> Worst:
         """The largest value / optimum, value / bound or value / no warp's, where the rule is defined.

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ..bound.lower_bound import lower_bound
 from ..objective import Objective
 from ..solve.optimal_warp import optimum_and_norms
-from ..solve.outcome import failed
+from ..solve.outcome import failed_on_host
 from ..views import FrustumView
 from .comparison import Comparison, quotient, worse_than
 from .peaks import peaks
@@ -34,7 +34,7 @@ def compare_over_frustum(view: FrustumView, rules: dict[str, Rule], objective: O
         etas, defined = warps_of(rules, at)
         solution, values = optimum_and_norms(at, [*etas, jnp.ones_like(etas[0])], objective)
         eta, defined, values = (np.stack(jax.device_get(each)) for each in (etas, defined, values))
-        values = np.where(failed(np.asarray(solution.result)), np.nan, values)
+        values = np.where(failed_on_host(solution.result), np.nan, values)
         return solution, eta, defined, np.where(defined, values[:-1], np.nan), values[-1]
 
     def least(theta: NDArray) -> NDArray | None:

@@ -14,7 +14,7 @@ from ..bound.lower_bound import lower_bound
 from ..objective import Objective
 from ..rules.body import Body
 from ..solve.optimal_warp import checked_min_eta
-from ..solve.outcome import failed
+from ..solve.outcome import failed_on_host
 from ..solve.scene import norms_at, refuse_scene, solve_scene
 from ..solve.solution import SceneSolution
 from ..theory.camera import Camera, DirectionalLight
@@ -54,7 +54,7 @@ def compare_over_scene(view: SceneView, rules: dict[str, Rule], objective: Objec
     order = [[*by_body, *by_apex].index(name) for name in rules]
     eta, defined, values = (np.asarray(v).T for v in (eta, defined, values))
     unwarped, eta, defined = values[-1], eta[order], defined[order]
-    values = np.where(defined & ~failed(np.asarray(solution.result)), values[order], np.nan)
+    values = np.where(defined & ~failed_on_host(solution.result), values[order], np.nan)
     bound, reason = _bounds(view, objective)
     theta = np.asarray(solution.frame.theta)
     return Comparison(tuple(rules), theta, solution, bound, reason, eta, defined, values, unwarped, None, None)

@@ -53,8 +53,8 @@ def peaks(theta: NDArray, values: NDArray, at: Callable[[NDArray], NDArray]) -> 
         mine = which == row
         order = np.argsort(centre[mine], kind="stable")
         tops, places = best[mine][order], centre[mine][order]
-        at = first_largest(tops) if mine.any() else None
-        found.append((np.nan, np.nan) if at is None else (float(tops[at]), float(places[at])))
+        top = first_largest(tops) if mine.any() else None
+        found.append((np.nan, np.nan) if top is None else (float(tops[top]), float(places[top])))
     return found
 
 

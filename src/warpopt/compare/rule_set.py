@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,7 +17,7 @@ from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
 from ..views import FrustumView
 
-Rule = Callable[[ViewFrustum, Array], Warp]
+Rule = Callable[[Any, Array], Warp]  # of a view frustum; warpopt's own of a `Body` too
 Rules = None | str | Rule | Sequence[str | Rule] | Mapping[str, str | Rule]
 KNOWN: dict[str, Rule] = {name: rule.function for name, rule in registry.EVERY.items()}
 
@@ -91,7 +92,7 @@ def warps_of(rules: Mapping[str, Rule], view: FrustumView) -> tuple[list[Array],
         else:
             warp = _called(name, rule, view).over(view)
             found.append((jnp.where(jnp.isnan(warp.eta), 1, warp.eta), warp.defined))
-    return tuple(map(list, zip(*found, strict=True)))
+    return [eta for eta, _ in found], [defined for _, defined in found]
 
 
 def warps_over(rules: Mapping[str, Rule], view: FrustumView) -> Warp:
@@ -155,4 +156,5 @@ def _checked(name: str, rule: Rule, frustum: ViewFrustum, theta: Array) -> Warp:
             "1] (or `Warp.defined` False)"
         )
     eta, rest = np.where(defined, eta, 1), np.where(defined, rest, 0)
-    return Warp(*(jnp.asarray(v, theta.dtype) for v in (eta, rest, start, mu)), jnp.asarray(defined))
+    eta, rest, start, mu = (jnp.asarray(v, theta.dtype) for v in (eta, rest, start, mu))
+    return Warp(eta, rest, start, mu, jnp.asarray(defined))

@@ -99,7 +99,7 @@ return lambda;
 _PARAMETERS = ("theta", "z_near", "z_far", "half_fov")
 
 
-def closed_form_source(metric: Metric, language: Language, prefix: str = "warpopt") -> str:
+def closed_form_source(metric: str, language: Language, prefix: str = "warpopt") -> str:
     """The whole file: `warpopt_lambda_over_mu`, `warpopt_eta` and `warpopt_lambda` of (theta, z_near, z_far, half_fov).
 
     Optimal for the largest E_p, E_q or E_pxq over the view frustum (derived for this project; `solve.closed_form`).

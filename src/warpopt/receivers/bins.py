@@ -58,7 +58,7 @@ def grouped(seen: Array, d: Array, x: Array, h: Array, z: Array, which: Array, c
     def least(values: Array) -> Array:
         return jax.ops.segment_min(jnp.where(seen, values, jnp.inf), which, count)
 
-    return Groups(*(side for v in (d, x, h) for side in (least(v), -least(-v))), least(z))
+    return Groups(least(d), -least(-d), least(x), -least(-x), least(h), -least(-h), least(z))
 
 
 def ends(seen: Bool[Array, "..."], values: Float[Array, "..."]) -> tuple[Array, Array]:
@@ -76,9 +76,9 @@ def extent_of(z: Float[Array, "..."], seen: Bool[Array, "..."]) -> tuple[Array, 
 def singles(valid: Bool[Array, " N"], points: Float[Array, "N 3"], frame: LightFrame) -> Groups:
     """A few points in eye coordinates, each its own group."""
     points = jnp.where(valid[:, None], points, 0)
-    bounds = (frame.depth(points), frame.lateral(points), frame.along_light(points))
-    sides = (jnp.where(valid, v, edge) for v in bounds for edge in (jnp.inf, -jnp.inf))
-    return Groups(*sides, jnp.where(valid, points[:, 2], jnp.inf))
+    d, x, h = frame.depth(points), frame.lateral(points), frame.along_light(points)
+    low, high = ((lambda v, edge=edge: jnp.where(valid, v, edge)) for edge in (jnp.inf, -jnp.inf))
+    return Groups(low(d), high(d), low(x), high(x), low(h), high(h), low(frame.eye_depth(points)))
 
 
 def from_groups(groups: Groups, near: Array, grouped: bool = True) -> Footprint:

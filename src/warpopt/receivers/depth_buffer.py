@@ -1,7 +1,7 @@
 """Receivers as a renderer has them: the depth buffer of the frame."""
 
 import functools
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import equinox as eqx
 import jax
@@ -10,7 +10,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import checked, float_arrays
+from .._checks import assembled, checked, float_arrays
 from .._numerics import larger
 from ..objective import Objective
 from ..theory.camera import Camera
@@ -140,8 +140,8 @@ class DepthBuffer(Receivers):
             near, far = (self._in_cells(jnp.where(seen, z, edge), edge) for edge in (jnp.inf, -jnp.inf))
             return (least, largest), (near.min(1), far.max(1))
 
-        edges = (jnp.full(width, edge, self.depth.dtype) for edge in (jnp.inf, -jnp.inf))
-        (least, largest), (near, far) = jax.lax.scan(row_bounds, tuple(edges), rows)
+        none = jnp.full(width, jnp.inf, self.depth.dtype)
+        (least, largest), (near, far) = jax.lax.scan(row_bounds, (none, -none), rows)
         start, end = (jnp.where(jnp.isfinite(near).any(), v, 0) for v in (least.min(), largest.max()))
         return start, end, near, far
 
@@ -189,11 +189,11 @@ class DepthBuffer(Receivers):
                 low * jnp.where(low > 0, farthest, nearest), high * jnp.where(high > 0, farthest, nearest),
             )  # fmt: skip
 
-        (d_least, _, _, d_largest), (x_least, *reached, x_largest), (h_least, _, _, h_largest) = (
+        (d_least, _, _, d_largest), (x_least, x_low, x_high, x_largest), (h_least, _, _, h_largest) = (
             extents(axis) for axis in (frame.z_axis, frame.x_axis, frame.light)
         )
         d_least, d_largest = jnp.where(d_least > start, d_least, start), jnp.where(d_largest < end, d_largest, end)
-        cells = Groups(d_least, d_largest, x_least, x_largest, h_least, h_largest, nearest, tuple(reached))
+        cells = Groups(d_least, d_largest, x_least, x_largest, h_least, h_largest, nearest, (x_low, x_high))
         share = (d_least - start) / jnp.where(end > start, end - start, 1)
         which = bin_of(jnp.where(there, share, 0)).ravel()
 
@@ -205,8 +205,8 @@ class DepthBuffer(Receivers):
 
 
 # Whether groups join in the least (1) or in the largest (-1) of each bound.
-_SIGNS = Groups(
-    least_depth=1, largest_depth=-1, least_lateral=1, largest_lateral=-1, least_light=1, largest_light=-1, z=1,
+_SIGNS: Any = assembled(
+    Groups, least_depth=1, largest_depth=-1, least_lateral=1, largest_lateral=-1, least_light=1, largest_light=-1, z=1,
     reached=(1, -1),
 )  # fmt: skip
 

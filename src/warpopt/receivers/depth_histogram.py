@@ -67,8 +67,10 @@ class DepthHistogram(Receivers):
             return jnp.where(there, values.min((0, 1)), jnp.inf), jnp.where(there, values.max((0, 1)), -jnp.inf)
 
         z = jnp.where(there, edges[:-1], jnp.inf)
-        bounds = (ends(axis) for axis in (frame.z_axis, frame.x_axis, frame.light))
-        footprint = from_groups(Groups(*(side for pair in bounds for side in pair), z), camera.near)
+        (d_least, d_largest), (x_least, x_largest), (h_least, h_largest) = map(
+            ends, (frame.z_axis, frame.x_axis, frame.light)
+        )
+        footprint = from_groups(Groups(d_least, d_largest, x_least, x_largest, h_least, h_largest, z), camera.near)
         if objective.supremum:
             return footprint
         degree = round(objective.blend_degree)

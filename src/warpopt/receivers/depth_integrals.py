@@ -27,6 +27,7 @@ _WIDTH = LARGEST_LOG_RATIO / _PANELS
 def _gauss_legendre(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre nodes and weights on [-1, 1] in extended precision, by Newton's method from NumPy's."""
     x = np.polynomial.legendre.leggauss(count)[0].astype(np.longdouble)
+    slope = np.ones_like(x)
     for _ in range(2):
         before, value = np.ones_like(x), x
         for n in range(2, count + 1):

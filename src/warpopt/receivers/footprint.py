@@ -76,7 +76,9 @@ class Footprint(eqx.Module):
         blend = self.sides.depth.blend(eta)
         return (self.sides.left / blend).max(), (self.sides.right / blend).max()
 
-    def coordinates(self, frame: LightFrame, eye_points: Float[Array, "... 3"]) -> tuple[LightDepth, Array, Array]:
+    def coordinates(
+        self, frame: LightFrame, eye_points: Float[Array, "... 3"]
+    ) -> tuple[LightDepth, Float[Array, "..."], Float[Array, "..."]]:
         """(depth along Z_w as delta and 1 - delta, x from W's axis, eye depth z) of points in eye coordinates."""
         d = frame.depth(eye_points)
         depth = LightDepth((d - self.start) / self.mu, (self.start + self.mu - d) / self.mu)
@@ -93,10 +95,11 @@ class Footprint(eqx.Module):
         At every eta the norm of this and that of the footprint itself enclose that of the receivers one by one.
         """
         sides = self.sides
+        right, left = (sides.right, sides.left) if sides.reached is None else sides.reached
         return eqx.tree_at(
             lambda f: (f.nearest.depth, f.sides.depth, f.sides.right, f.sides.left),
             self,
-            (sides.depth, sides.farthest, *sides.reached),
+            (sides.depth, sides.farthest, right, left),
         )
 
 

@@ -40,7 +40,13 @@ def moments(space: LightSpace, objective: Objective) -> Moments:
 
 
 def segment_moments(
-    near: LightDepth, far: LightDepth, weights: Array, nearest: Array, x: Array, L: Array, objective: Objective
+    near: LightDepth,
+    far: LightDepth,
+    weights: Array | np.ndarray,
+    nearest: Array,
+    x: Array,
+    L: Array,
+    objective: Objective,
 ) -> Moments:
     """Moments over segments from the near to the far plane, along each of which delta is linear in z.
 

@@ -5,6 +5,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._checks import is_traced
 from ..objective import Objective
 from ..theory.camera import Camera, DirectionalLight
 from ..theory.light_frame import LightFrame
@@ -77,6 +78,6 @@ class Reduced(Receivers):
 
 
 def _same(one: Array, other: Array) -> bool:
-    if one is other or isinstance(one, jax.core.Tracer) or isinstance(other, jax.core.Tracer):
+    if one is other or is_traced(one) or is_traced(other):
         return True
     return np.array_equal(one, other)

@@ -51,7 +51,7 @@ class WholeFrustum(Receivers):
         corners = depth(slopes, z)
         x = across * z
         axis = axis_inside(x.min(), x.max())
-        sides = [jnp.where(side > 0, side, 0).ravel() for side in (x - axis, axis - x)]
+        right, left = (jnp.where(side > 0, side, 0).ravel() for side in (x - axis, axis - x))
         every = LightDepth(corners.delta.ravel(), corners.one_minus_delta.ravel())
         if objective.measure == "axis":
             middle = depth(frame.z_axis[2], jnp.stack([n, f]))
@@ -68,7 +68,7 @@ class WholeFrustum(Receivers):
                 depth(heights, n), depth(heights, f), weights, largest_near, ratio, jnp.log1p(ratio), objective
             )
         h = (along * z).ravel()
-        all_sides = Sides(every, every, *sides, h, h)
+        all_sides = Sides(every, every, right, left, h, h)
         return Footprint(start, mu, axis, nearest, all_sides, moments, n, jnp.zeros((), bool), flat)
 
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:

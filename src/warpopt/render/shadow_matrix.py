@@ -144,7 +144,7 @@ def _matrix(
     pad_t, pad_s = padding.astype(mu.dtype)
     inner = jnp.diag(jnp.stack([1 - 2 * pad_t, jnp.ones_like(mu), 1 - 2 * pad_s, jnp.ones_like(mu)]))
     inner = inner.at[0, 3].set(pad_t).at[2, 3].set(pad_s)
-    matrix = _to_clip(clip_space, mu.dtype) @ inner @ f @ w_p @ w_v @ l_p @ l_v
+    matrix = jnp.asarray(_to_clip(clip_space, mu.dtype)) @ inner @ f @ w_p @ w_v @ l_p @ l_v
     return matrix.T if clip_space.row_vectors else matrix, warp.lost_over(own)
 
 
@@ -174,12 +174,12 @@ def texel_snap(
     (matrix,) = float_arrays(matrix=matrix)
     if matrix.shape != (4, 4):
         raise ValueError(f"matrix: got shape {matrix.shape}, expected (4, 4)")
-    resolution = pair("resolution", resolution, lambda v: v > 0, "two positive numbers")
+    size = pair("resolution", resolution, lambda v: v > 0, "two positive numbers")
     columns = matrix.T if clip_space.row_vectors else matrix
     last = checked(
         "matrix", columns[3], lambda row: row == jnp.array([0, 0, 0, 1]), "an unwarped one: w = 1 for every point"
     )
-    texels = jnp.asarray(np.asarray(resolution), matrix.dtype) / 2
+    texels = jnp.asarray(np.asarray(size), matrix.dtype) / 2
     offset = columns[:2, 3]
     snapped = jnp.concatenate([columns[:3].at[:2, 3].set(jnp.round(offset * texels) / texels), last[None]])
     return snapped.T if clip_space.row_vectors else snapped

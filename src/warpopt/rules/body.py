@@ -92,13 +92,12 @@ class BodySpace(eqx.Module):
 
     def axis_depths(self) -> tuple[LightDepth, LightDepth]:
         """Depths of the view axis' points at the nearest and farthest eye depth, in [0, 1] if the body holds them."""
-        return tuple(
-            LightDepth(
-                (z * self.sin_theta - self.body.start) / self.body.mu,
-                (self.body.start + self.body.mu - z * self.sin_theta) / self.body.mu,
-            )
-            for z in (self.body.near, self.body.far)
-        )
+
+        def at(z: Array) -> LightDepth:
+            depth, body = z * self.sin_theta, self.body
+            return LightDepth((depth - body.start) / body.mu, (body.start + body.mu - depth) / body.mu)
+
+        return at(self.body.near), at(self.body.far)
 
 
 def space_of(frustum: ViewFrustum | Body, theta: ArrayLike) -> LightSpace | BodySpace:
@@ -107,8 +106,8 @@ def space_of(frustum: ViewFrustum | Body, theta: ArrayLike) -> LightSpace | Body
     Raises:
         ValueError: theta outside [0, pi].
     """
-    theta = checked_theta(theta, frustum)
-    return BodySpace(frustum, theta) if isinstance(frustum, Body) else _light_space(frustum, theta)
+    angle = checked_theta(theta, frustum)
+    return BodySpace(frustum, angle) if isinstance(frustum, Body) else _light_space(frustum, angle)
 
 
 # One function of its own: many rules in one program are then traced and lowered with it once.

@@ -39,7 +39,7 @@ def lispsm_paper(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     return Warp.from_range_ratio(reach / (1 + jnp.sqrt(1 + reach)), space)
 
 
-def filament(frustum: ViewFrustum, theta: ArrayLike, near_hint: float = 1.0, far_hint: float = 100.0) -> Warp:
+def filament(frustum: ViewFrustum, theta: ArrayLike, near_hint: ArrayLike = 1.0, far_hint: ArrayLike = 100.0) -> Warp:
     """Google Filament: lambda = max(n0, n1), n0 = (n + sqrt(v0 v1)) / s, n1 = h / (2 - 3 h / (f - n)).
 
     v0 = max(n, near_hint) and v1 = min(f, far_hint, n + d s) are the depths that matter, h = max(near_hint - c, 0) with
@@ -114,7 +114,7 @@ def osg_lispsm_corrected(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     return warp_of_product(space, jnp.sqrt(1 + space.mu_over_near * s) + s * (space.start / space.near), s)
 
 
-def osg_vdsm(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: float = 0.05) -> Warp:
+def osg_vdsm(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: ArrayLike = 0.05) -> Warp:
     """OpenSceneGraph's view-dependent shadow maps: lambda = (d/2) max(tan(30 deg) cot(g)^2, 2 y_min / d, r).
 
     The middle term is PSM's lambda = y_min, the apex at the eye. Uniform within 2 degrees of the view direction.
@@ -143,7 +143,7 @@ def osg_vdsm(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: float = 0.0
     return _guarded(space, warps, 1 / lam_over_mu)
 
 
-def openmw(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: float = 0.25) -> Warp:
+def openmw(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: ArrayLike = 0.25) -> Warp:
     """OpenMW: `osg_vdsm` with r = 0.25, a user setting. components/sceneutil/mwshadowtechnique.cpp:2953 @e47ad77.
 
     Example:
@@ -155,7 +155,7 @@ def openmw(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: float = 0.25)
     return osg_vdsm(frustum, theta, near_far_ratio)
 
 
-def ogre(frustum: ViewFrustum, theta: ArrayLike, adjust: float = 0.1, threshold: float = 0.451) -> Warp:
+def ogre(frustum: ViewFrustum, theta: ArrayLike, adjust: ArrayLike = 0.1, threshold: ArrayLike = 0.451) -> Warp:
     """OGRE up to 13.5, its simple rule: lambda = (n + sqrt(c_n c_f)) k t, without any sin(theta).
 
     c_n and c_f are the camera's own near and far distance, which are n and f but for a `Body`. t = 1 while
@@ -189,7 +189,7 @@ def ogre(frustum: ViewFrustum, theta: ArrayLike, adjust: float = 0.1, threshold:
     return Warp.from_range_ratio(space.mu_over_near / lam, space)
 
 
-def veloren(frustum: ViewFrustum, theta: ArrayLike, at_phi: float = -0.2, span: float = 0.3) -> Warp:
+def veloren(frustum: ViewFrustum, theta: ArrayLike, at_phi: ArrayLike = -0.2, span: ArrayLike = 0.3) -> Warp:
     """Veloren, after Lloyd's thesis, section 5.2: lambda shaped by e from -1 (uniform) to 0 (LiSPSM).
 
     With w = min(f/n - 1, d s / n): lambda = d (1 + sqrt(1 + w) - e w) / (w (e + 1)). e = -1 below phi/3, rises as
@@ -221,7 +221,7 @@ def veloren(frustum: ViewFrustum, theta: ArrayLike, at_phi: float = -0.2, span: 
 
 
 def tsm_xray(
-    frustum: ViewFrustum, theta: ArrayLike, delta: float = 0.3, xi: float = -0.6, cutoff: float = 0.99
+    frustum: ViewFrustum, theta: ArrayLike, delta: ArrayLike = 0.3, xi: ArrayLike = -0.6, cutoff: ArrayLike = 0.99
 ) -> Warp:
     """TSM in X-Ray (OpenXRay): lambda = d delta (1 + xi) / (1 - xi - 2 delta); uniform where |cos(g)| >= cutoff.
 
@@ -252,7 +252,7 @@ def tsm_xray(
 
 
 def tsm_dagor(
-    frustum: ViewFrustum, theta: ArrayLike, delta: float = 0.52, xi: float = -0.6, cutoff: float = 0.95
+    frustum: ViewFrustum, theta: ArrayLike, delta: ArrayLike = 0.52, xi: ArrayLike = -0.6, cutoff: ArrayLike = 0.95
 ) -> Warp:
     """TSM in Dagor: `tsm_xray` with its own numbers. prog/gameLibs/render/psm.cpp @3aaa489.
 

@@ -10,6 +10,7 @@ from jaxtyping import Array
 
 from .._numerics import smaller
 from ..solve.sign_change import on_lanes, positive_root
+from ..theory.light_space import LightSpace
 from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
 from .body import Body, axis_depths, camera_planes, parameter, space_of, warp_of_product
@@ -96,7 +97,7 @@ def minimum_norm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     return warp_of_product(space, lam)
 
 
-def tsm(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5, xi: float = 0.8) -> Warp:
+def tsm(frustum: ViewFrustum, theta: ArrayLike, kappa: ArrayLike = 0.5, xi: ArrayLike = 0.8) -> Warp:
     """Trapezoidal shadow maps: the axis point z = n + (f - n) kappa is mapped to s = xi; VN (16), corrected.
 
     lambda = mu d_k (1 - xi) / (xi mu - d_k), d_k the point's light-space depth; none where it lies beyond xi mu.
@@ -118,7 +119,7 @@ def tsm(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5, xi: float = 
     return Warp.from_range_ratio(ratio, space, ratio >= 0)
 
 
-def tsm_alternative(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5) -> Warp:
+def tsm_alternative(frustum: ViewFrustum, theta: ArrayLike, kappa: ArrayLike = 0.5) -> Warp:
     """TSM's alternative for theta <= phi: the warp with the largest area of the map for the focus region; VN section 3.
 
     The focus region, eye depths up to z_k = n + (f - n) kappa, covers delta in [p, q], with middle m; the maximum of
@@ -136,6 +137,8 @@ def tsm_alternative(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5) 
     """
     kappa = _fraction("kappa", kappa, frustum)
     space = space_of(frustum, theta)
+    if not isinstance(space, LightSpace):
+        raise ValueError("frustum: got a Body, expected a ViewFrustum: the rule's focus region is a part of V")
     p, q, m = (
         [(1 - kappa) * near + kappa * far for near, far in zip(*space.edge(u), strict=True)] for u in (0.0, 1.0, 0.5)
     )
@@ -147,5 +150,5 @@ def tsm_alternative(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5) 
     return Warp.from_range_ratio((1 - eta) / eta, space, space.a_plus <= 0)
 
 
-def _fraction(name: str, value: float, frustum: ViewFrustum | Body) -> Array:
+def _fraction(name: str, value: ArrayLike, frustum: ViewFrustum | Body) -> Array:
     return parameter(name, value, frustum, lambda v: (v > 0) & (v < 1), "a number in (0, 1)")

@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PyTree
 
+from .._checks import is_traced
+
 # A solve keeps about a hundred numbers a problem in flight: a million at once leave every cache, but XLA's CPU backend
 # runs loops over much less than 100,000 elements on one core. Measured on two cores, ns per E_p L2 solve: 243 for
 # chunks of 32,768, 147 for 131,072, 220 for a million. A GPU wants them all at once, within its memory.
@@ -56,9 +58,9 @@ def in_chunks(function: Callable[..., PyTree], args: PyTree, *static: Any) -> Py
 def in_blocks(compiled: Callable[..., PyTree], args: PyTree, *static: Any) -> PyTree:
     """compiled(*args, *static) like `in_chunks`, for concrete arrays of any size; one call if traced, or small."""
     leaves, structure = jax.tree.flatten(args)
-    shape = jnp.broadcast_shapes(*(leaf.shape for leaf in leaves))
+    shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
     size = math.prod(shape)
-    if size <= _BLOCK or any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+    if size <= _BLOCK or is_traced(leaves):
         return compiled(*args, *static)
     flat = [leaf if leaf.size == 1 else np.broadcast_to(leaf, shape).reshape(-1) for leaf in map(np.asarray, leaves)]
     results: list[np.ndarray] = []
@@ -69,14 +71,16 @@ def in_blocks(compiled: Callable[..., PyTree], args: PyTree, *static: Any) -> Py
         for whole, part in zip(results, parts, strict=True):
             whole[start:stop] = np.asarray(part)[: stop - start]
 
-    pending = None
-    for start in range(0, size, _BLOCK):
+    def begun(start: int) -> tuple[list[Array], Any]:
         block = [leaf if leaf.size == 1 else _padded(leaf[start : start + _BLOCK]) for leaf in flat]
-        parts, parts_structure = jax.tree.flatten(compiled(*jax.tree.unflatten(structure, block), *static))
-        if pending:
-            keep(*pending)  # while the block just started is being computed
-        pending = start, parts
-    keep(*pending)
+        return jax.tree.flatten(compiled(*jax.tree.unflatten(structure, block), *static))
+
+    before, (parts, parts_structure) = 0, begun(0)
+    for start in range(_BLOCK, size, _BLOCK):
+        following, _ = begun(start)
+        keep(before, parts)  # while the block just started is being computed
+        before, parts = start, following
+    keep(before, parts)
     return jax.tree.unflatten(
         parts_structure, [jax.device_put(whole.reshape(shape), may_alias=True) for whole in results]
     )

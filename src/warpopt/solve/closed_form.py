@@ -163,9 +163,10 @@ def by_segments(space: LightSpace, objective: Objective, iterative: bool) -> Opt
 
 def _width_lines(widest: LightDepth, objective: Objective) -> tuple[LightDepth, LightDepth]:
     """L = one_minus_delta eta + delta above and below the kink, each up to a factor."""
+    one, zero = jnp.ones((), widest.delta.dtype), jnp.zeros((), widest.delta.dtype)
     if not objective.metric.beta:
-        return LightDepth(1.0, 0.0), LightDepth(1.0, 0.0)
-    return widest, LightDepth(0.0, 1.0)
+        return LightDepth(one, zero), LightDepth(one, zero)
+    return widest, LightDepth(zero, one)
 
 
 def _choose(first: Array, one: LightDepth, other: LightDepth) -> LightDepth:

@@ -69,7 +69,7 @@ class LogNorm(eqx.Module):
         """The logarithm on the smooth piece on which `active` rules."""
         if self.objective is not None:
             (term,) = self.terms
-            mean = jnp.log(self.footprint.moments.power_mean(jnp.exp(u), self.objective))
+            mean = jnp.log(self._moments.power_mean(jnp.exp(u), self.objective))
             return mean + self._scale(term, u, active.right, active.left)
         pieces = [
             self._receivers(term, jnp.exp(u))[active.receiver] + self._scale(term, u, active.right, active.left)
@@ -87,7 +87,7 @@ class LogNorm(eqx.Module):
             else (jnp.array([getattr(t, n) for t in self.terms], eta.dtype)[active.term] for n in ("alpha", "beta"))
         )
         if self.objective is not None:
-            top = _polynomial_slope(self.footprint.moments, eta) / self.objective.order
+            top = _polynomial_slope(self._moments, eta) / self.objective.order
         else:
             top = (2 * alpha + beta) * _eta_share(self.footprint.nearest.depth, active.receiver, eta)
         if not any(t.beta for t in self.terms):
@@ -100,6 +100,15 @@ class LogNorm(eqx.Module):
         # A body of no width has no lateral error to mend: its width changes with nothing.
         falling = sum(span * share for span, share in zip(spans, shares, strict=True))
         return top - alpha - beta * jnp.where(width > 0, falling / jnp.where(width > 0, width, 1), 0)
+
+    @property
+    def _moments(self) -> Moments:
+        if self.footprint.moments is None:
+            raise ValueError(
+                "receivers: got a footprint without moments, expected some for an L_P norm: "
+                "warpopt.receivers.bins.with_moments makes them"
+            )
+        return self.footprint.moments
 
     def _receivers(self, term: Term, eta: Array) -> Array:
         nearest = self.footprint.nearest

@@ -1,7 +1,7 @@
 """Many view frusta at once: light space, a few numbers, eta and its certificate, in one compiled call."""
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -68,16 +68,14 @@ def solve_chunk(frustum: ViewFrustum, theta: Array, objective: Objective, method
     return _solution(space, mean, objective, method)
 
 
-def _solution(
-    space: LightSpace, mean: Moments | QuadratureMean | None, objective: Objective, method: Method
-) -> Solution:
+def _solution(space: LightSpace, mean: Any, objective: Objective, method: Method) -> Solution:
     if objective.supremum:
         special = method.iterative or objective.measure == "axis"
         optimum = by_segments(space, objective, method.iterative) if special else closed_form(space, objective)
-    elif isinstance(mean, Moments):
-        optimum = minimise_power_mean(space, mean, objective, method.iterative)
-    else:
+    elif isinstance(mean, QuadratureMean):
         optimum = mean.minimise()
+    else:
+        optimum = minimise_power_mean(space, mean, objective, method.iterative)
     value = _norm(space, mean, optimum.eta, objective)
     finite = jnp.isfinite(value) & jnp.isfinite(optimum.eta)
     none = (optimum.eta >= 1) & ~failed(optimum.outcome)
@@ -119,8 +117,9 @@ def _few_numbers(
     return space, QuadratureMean(space, objective, method.nodes or default_nodes(objective))
 
 
-def _norm(space: LightSpace, mean: Moments | QuadratureMean | None, eta: Array, objective: Objective) -> Array:
+def _norm(space: LightSpace, mean: Any, eta: Array, objective: Objective) -> Array:
+    """`mean` as `_few_numbers` has it."""
     if objective.supremum:
         return supremum_norm(space, eta, objective)
-    mean = over(mean.power_mean(eta, objective), power(eta, objective.metric.alpha))
-    return in_units_of_error(space, eta, mean, objective)
+    unscaled = over(mean.power_mean(eta, objective), power(eta, objective.metric.alpha))
+    return in_units_of_error(space, eta, unscaled, objective)

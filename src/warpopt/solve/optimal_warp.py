@@ -1,8 +1,10 @@
 """The optimal warp, and the norm of any: a view and an objective in, eta with its certificate out."""
 
 from collections.abc import Sequence
+from typing import overload
 
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from .._checks import checked, float_arrays, joint_shape
@@ -15,12 +17,26 @@ from .scene import norms_over_scene, refuse_scene, solve_scene
 from .solution import SceneSolution, Solution, raised, warp_of
 
 
+@overload
+def optimal_warp(
+    view: FrustumView,
+    objective: Objective | None = None,
+    *,
+    throw: bool = True,
+    min_eta: ArrayLike = 1e-4,
+    method: str = "auto",
+    quadrature_nodes: int | None = None,
+) -> Solution: ...
+@overload
+def optimal_warp(
+    view: SceneView, objective: Objective | None = None, *, throw: bool = True, min_eta: ArrayLike = 1e-4
+) -> SceneSolution: ...
 def optimal_warp(
     view: FrustumView | SceneView,
     objective: Objective | None = None,
     *,
     throw: bool = True,
-    min_eta: float = 1e-4,
+    min_eta: ArrayLike = 1e-4,
     method: str = "auto",
     quadrature_nodes: int | None = None,
 ) -> Solution | SceneSolution:
@@ -123,7 +139,7 @@ def optimum_and_norms(
     return in_blocks(solve_and_compare, (view.frustum, view.theta, list(etas)), objective)
 
 
-def checked_min_eta(min_eta: float) -> Array:
+def checked_min_eta(min_eta: ArrayLike) -> Array | np.ndarray:
     """The floor of eta as an array.
 
     Raises:

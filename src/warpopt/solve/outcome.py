@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool
+from numpy.typing import NDArray
 
 
 class Outcome(enum.IntEnum):
@@ -57,6 +58,10 @@ _FAILURES = tuple(outcome for outcome in Outcome if not outcome.succeeded)
 
 def failed(result: ArrayLike) -> Bool[Array, "..."]:
     """Which of an array of outcomes are failures: the one test for them, on the host and when traced."""
-    xp = np if isinstance(result, np.ndarray) else jnp
-    result = xp.asarray(result)
-    return functools.reduce(xp.logical_or, [result == outcome for outcome in _FAILURES])
+    result = jnp.asarray(result)
+    return functools.reduce(jnp.logical_or, [result == outcome for outcome in _FAILURES])
+
+
+def failed_on_host(result: ArrayLike) -> NDArray[np.bool_]:
+    """`failed` in NumPy."""
+    return np.isin(np.asarray(result), _FAILURES)

@@ -12,7 +12,7 @@ from .outcome import Outcome
 from .sign_change import Polynomial, log_ratio, on_lanes, positive_root, value_over_leading
 
 
-def stationarity(moments: Moments, objective: Objective, line: tuple[Array, Array]) -> Polynomial:
+def stationarity(moments: Moments, objective: Objective, line: tuple[Array | float, Array | float]) -> Polynomial:
     """eta' L dJ^P/d eta' up to a positive factor, where L = c eta' + d (`line`): one sign change in its coefficients.
 
     The coefficient of eta'^(M-j+1) is c B_j (alpha P - j) + d B_(j-1) (r P - j + 1); without E_q, L drops out. Merging
@@ -45,9 +45,8 @@ def minimise_power_mean(space: LightSpace, moments: Moments, objective: Objectiv
     # A rise within rounding of zero is a flat optimum: the largest eta is returned, no warp. Each term carries a few
     # roundings of its coefficient and one of the sum.
     helps = rise > 4 * len(top[0]) * jnp.finfo(rise.dtype).eps * terms
-    chosen, at_kink = top, jnp.zeros(rise.shape, bool)
+    chosen, at_kink, bend = top, jnp.zeros(rise.shape, bool), kink(space)
     if objective.metric.beta:
-        bend = kink(space)
         low = stationarity(moments, objective, (1.0, 0.0))
         above, _ = value_over_leading(top, bend / moments.scale)
         below, _ = value_over_leading(low, bend / moments.scale)

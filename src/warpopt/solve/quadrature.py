@@ -147,8 +147,9 @@ def _log_integrals(mean: QuadratureMean, eta: Array, power: float, factors) -> l
     return _log_sums(log_terms, [jacobian * f for f in factors(delta, rest)], 2)
 
 
-def _log_sums(log_terms: Array, factors, axes: int) -> list[Array]:
-    axes = tuple(range(-axes, 0))
+def _log_sums(log_terms: Array, factors, count: int) -> list[Array]:
+    """Over the last so many axes."""
+    axes = tuple(range(-count, 0))
     largest = jax.lax.stop_gradient(log_terms.max(axes, keepdims=True))
     terms = jnp.exp(log_terms - largest)
     return [jnp.squeeze(largest, axes) + jnp.log((terms * f).sum(axes)) for f in factors]

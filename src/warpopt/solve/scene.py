@@ -74,11 +74,6 @@ def norms_at(
 
 
 def _log_norm(footprint: Footprint, frame: LightFrame, objective: Objective) -> LogNorm:
-    if footprint.moments is None and not objective.supremum:
-        raise ValueError(
-            f"receivers: got a footprint without moments, expected some for norm {objective.norm!r}: "
-            "warpopt.receivers.bins.with_moments makes them"
-        )
     terms = tuple(_term(footprint, frame, metric, objective.supremum) for metric in objective.terms)
     return LogNorm(footprint, terms, None if objective.supremum else objective)
 

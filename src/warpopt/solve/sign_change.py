@@ -45,7 +45,7 @@ def has_root(polynomial: Polynomial) -> Bool[Array, "..."]:
     return functools.reduce(jnp.logical_or, some_positive) & functools.reduce(jnp.logical_or, some_negative)
 
 
-def on_lanes(lanes: Bool[Array, "..."], polynomial: Polynomial) -> Polynomial:
+def on_lanes(lanes: Bool[Array, "..."] | bool, polynomial: Polynomial) -> Polynomial:
     """The polynomial on the given lanes where it has a root; elsewhere x^top - x^bottom, whose root is 1.
 
     The iteration starts at 1, so that the other lanes cost nothing and cannot fail.
@@ -74,6 +74,7 @@ def positive_root(polynomial: Polynomial, iterative: bool) -> tuple[Float[Array,
     """
     powers, coefficients = polynomial
     coefficients = tuple(jnp.broadcast_arrays(*coefficients))
+    highest, *_, lowest = powers
     gaps = {p - q for p, q in itertools.pairwise(powers)}
     if len(gaps) == 1 and len(powers) <= 3 and not iterative:
         root = power(_linear_or_quadratic(coefficients), 1 / gaps.pop())
@@ -83,7 +84,7 @@ def positive_root(polynomial: Polynomial, iterative: bool) -> tuple[Float[Array,
     condition = _LogRatio(powers)
     at_one = condition(jnp.zeros_like(coefficients[0]), coefficients)
     # The slope of the log-ratio lies between the smallest gap that can separate its two parts and the whole span.
-    ends = -at_one / min(gaps), -at_one / (powers[0] - powers[-1])
+    ends = -at_one / min(gaps), -at_one / (highest - lowest)
     u, converged = increasing_root(condition, coefficients, jnp.minimum(*ends), jnp.maximum(*ends))
     return jnp.exp(u), converged
 

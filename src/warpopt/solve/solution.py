@@ -1,12 +1,11 @@
 """What a solve returns."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
-from .._checks import checked, shown
+from .._checks import checked, is_traced, shown
 from ..objective import Metric, Objective
 from ..receivers.footprint import Footprint
 from ..theory.aliasing import aggregate, errors
@@ -130,7 +129,7 @@ def raised(solution: Solution | SceneSolution) -> Solution | SceneSolution:
     """
     bad = failed(solution.result)
     words = "optimal_warp failed; pass throw=False to get the solution's result, an array of warpopt.Outcome"
-    if isinstance(bad, jax.core.Tracer):
+    if is_traced(bad):
         return eqx.error_if(solution, bad, words)
     if bool(bad.any()):
         first = Outcome(int(solution.result[bad].ravel()[0]))

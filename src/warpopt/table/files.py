@@ -90,10 +90,10 @@ def _table(fields: dict, kind: type["LambdaTable"]) -> "LambdaTable":
             f"{', '.join(_NUMBERS)} >= 0"
         )
     metric, norm, measure, version = (str(fields[name]) for name in ("metric", "norm", "measure", "version"))
-    promised, achieved, *worst = numbers
+    promised, achieved, at_theta, at_ratio, at_fov = numbers
     table = kind(
         *rows, Objective(metric, norm, measure),
-        max_slope=slope, promised=promised, achieved=achieved, worst=tuple(worst), version=version,
+        max_slope=slope, promised=promised, achieved=achieved, worst=(at_theta, at_ratio, at_fov), version=version,
     )  # fmt: skip
     if digest != _fields(table)["digest"]:
         raise ValueError("got contents that its digest does not fit, expected a table as it was written")

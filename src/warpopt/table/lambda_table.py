@@ -153,10 +153,13 @@ class LambdaTable(eqx.Module):
         """Of the axes' values, those of axes that the table has."""
         if outside == "error":
             self._check_single(**values)
-        asked = {name: value for name, value in values.items() if len(getattr(self, name)) > 1}
-        for name, value in asked.items():
-            if value is None:
-                raise ValueError(f"{name}: got none, expected values: the table has {len(getattr(self, name))} rows")
+        asked = {}
+        for name, value in values.items():
+            rows = len(getattr(self, name))
+            if rows > 1 and value is None:
+                raise ValueError(f"{name}: got none, expected values: the table has {rows} rows")
+            if rows > 1:
+                asked[name] = value
         return asked
 
     def _looked_up(self, values: list, outside: Outside, xp):

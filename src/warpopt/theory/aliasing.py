@@ -5,6 +5,7 @@ E (screen pixels / 2) / (map texels).
 """
 
 import functools
+from typing import Any
 
 import jax.numpy as jnp
 from jax.typing import ArrayLike
@@ -29,11 +30,14 @@ def inverse_width(space: LightSpace, eta: Float[Array, "..."]) -> Float[Array, "
 
 
 def errors(
-    blend: Float[Array, "..."], eta: Float[Array, "..."], along: Float[Array, "..."], across: Float[Array, "..."]
-) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    blend: Float[ArrayLike, "..."],
+    eta: Float[ArrayLike, "..."],
+    along: Float[ArrayLike, "..."],
+    across: Float[ArrayLike, "..."],
+) -> tuple[Any, Any]:
     """(E_p, E_q) at receivers with z_w in proportion to A = `blend`: AT09 (13), (14), for any camera and light.
 
-    E_p = along A^2 / eta, E_q = across A.
+    In NumPy for NumPy arrays. E_p = along A^2 / eta, E_q = across A.
 
     Args:
         blend: A = (1 - delta) eta + delta; `LightDepth.blend`.
@@ -181,7 +185,7 @@ def screen_coordinates(
         (0.0, -0.866)
     """
     scale = jnp.asarray(z, frustum.near.dtype) * jnp.tan(frustum.half_fov)
-    return x / scale, y / scale
+    return jnp.asarray(x) / scale, jnp.asarray(y) / scale
 
 
 def projection_factors(

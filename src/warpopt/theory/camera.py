@@ -137,15 +137,15 @@ class Camera(eqx.Module):
         """
         if len(window) != 4:
             raise ValueError(f"window: got {len(window)} numbers, expected (left, right, bottom, top)")
-        (window,) = float_arrays(window=jnp.stack([jnp.asarray(v, float) for v in window]))
-        window = checked(
+        (slopes,) = float_arrays(window=jnp.stack([jnp.asarray(v, float) for v in window]))
+        slopes = checked(
             "window",
-            window,
+            slopes,
             lambda w: (abs(w) < np.inf) & (w[0] < w[1]) & (w[2] < w[3]),
             "finite slopes with left < right and bottom < top",
         )
         camera = cls(position, forward, up, near, far, 0.5, handedness=handedness)
-        return eqx.tree_at(lambda c: c.window, camera, window.astype(camera.window.dtype))
+        return eqx.tree_at(lambda c: c.window, camera, slopes.astype(camera.window.dtype))
 
     def to_eye(self, points: ArrayLike) -> Float[Array, "... 3"]:
         """World points (..., 3) in eye coordinates."""

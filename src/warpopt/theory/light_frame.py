@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import checked, float_arrays
+from .._checks import checked, float_arrays, is_traced
 from .camera import Camera, DirectionalLight
 
 
@@ -57,7 +57,7 @@ class LightFrame(eqx.Module):
         Raises:
             ValueError: only one of the two, or not two positive numbers.
         """
-        if not any(isinstance(value, jax.core.Tracer) for value in (screen, shadow_map)):
+        if not is_traced(screen, shadow_map):
             screen, shadow_map = resolutions(screen, shadow_map)
         width, height, t, s = _densities(camera, screen, shadow_map)
         l = camera.rotation @ light.direction.astype(camera.rotation.dtype)  # noqa: E741, the paper's letter
@@ -102,7 +102,7 @@ class LightFrame(eqx.Module):
 
 
 def resolutions(
-    screen: ArrayLike | None, shadow_map: ArrayLike | None
+    screen: ArrayLike | tuple[float, float] | None, shadow_map: ArrayLike | tuple[float, float] | None
 ) -> tuple[Float[Array, "2"] | None, Float[Array, "2"] | None]:
     """Both as arrays, or neither.
 
@@ -124,12 +124,14 @@ def resolutions(
     return pair[0], pair[1]
 
 
-def _densities(camera: Camera, screen: Array | None, shadow_map: Array | None) -> tuple[ArrayLike, ...]:
+def _densities(
+    camera: Camera, screen: ArrayLike | None, shadow_map: ArrayLike | None
+) -> tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]:
     """(screen units per unit slope across, and up, texels along t, along s)."""
     left, right, bottom, top = camera.window
-    if screen is None:
+    if screen is None or shadow_map is None:
         density = 2 / (top - bottom)
         return density, density, 1, 1
     dtype = left.dtype
-    (columns, rows), (t, s) = screen.astype(dtype), shadow_map.astype(dtype)
+    (columns, rows), (t, s) = jnp.asarray(screen, dtype), jnp.asarray(shadow_map, dtype)
     return columns / (right - left), rows / (top - bottom), t, s

@@ -5,7 +5,7 @@ length is a sum of non-negative terms, in units of the near distance, so nothing
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -35,8 +35,8 @@ class LightDepth(NamedTuple):
         return self.one_minus_delta * eta + self.delta
 
 
-def checked_theta(theta: ArrayLike, frustum: ViewFrustum) -> Float[Array, "..."]:
-    """theta as an array of the frustum's dtype.
+def checked_theta(theta: ArrayLike, frustum: Any) -> Float[Array, "..."]:
+    """theta as an array of the frustum's dtype; the frustum is a `ViewFrustum`, or what a rule takes for one.
 
     Raises:
         ValueError: outside [0, pi], or NaN, or of a shape that does not broadcast with the frustum; what is no frustum
@@ -91,7 +91,7 @@ class LightSpace(eqx.Module):
         # a = s - T cancels near theta = phi; sin(theta - phi)/cos(phi) does not. Beyond pi/2 the angle is pi - theta,
         # and a float's pi would lose digits: the rest of pi and the rounding of the sum are put back.
         pi, rest, rest_of_rest = _pi_in_parts(s.dtype)
-        difference = (pi - theta) - phi
+        difference = (jnp.asarray(pi) - theta) - phi
         angle = jnp.where(mirrored, difference + rest, theta - phi)
         rounding = jnp.where(mirrored, _rounding_of_sum(difference, rest) + rest_of_rest, 0)
         a = jnp.where((T < s / 2) | (T > 2 * s), s - T, _sine_near_zero(angle, rounding) / jnp.cos(phi))
@@ -166,13 +166,14 @@ def _pi_in_parts(dtype) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     hexadecimal = "0x1.921fb54442d18p+1", "0x1.1a62633145c07p-53", "-0x1.f1976b7ed8fbcp-109"
     parts = [float.fromhex(digits) for digits in hexadecimal]
     if dtype == np.float64:
-        return tuple(np.asarray(part, dtype) for part in parts)
+        first, second, third = (np.asarray(part, dtype) for part in parts)
+        return first, second, third
     first = np.asarray(parts[0], dtype)
     second = np.asarray(parts[0] - float(first), dtype)
     return first, second, np.asarray(parts[0] - float(first) - float(second) + parts[1], dtype)
 
 
-def _rounding_of_sum(p: Array, q: Array) -> Array:
+def _rounding_of_sum(p: Array, q: np.ndarray) -> Array:
     """p + q - fl(p + q), exactly (Knuth's two-sum)."""
     total = p + q
     q_part = total - p

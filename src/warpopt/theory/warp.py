@@ -1,17 +1,17 @@
 """The warp: one bounded number eta in (0, 1] for the near-plane distance lambda of the warping frustum."""
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import checked, float_arrays
+from .._checks import checked, float_arrays, is_traced
 from .view_frustum import ViewFrustum
 
 
+@runtime_checkable
 class Body(Protocol):
     """What a warp is made for: a light space, a view, a footprint, an `Extent`."""
 
@@ -157,7 +157,7 @@ def refuse_lost(lost: Bool[Array, "..."]) -> None:
     Raises:
         ValueError: the apex is not before the receivers.
     """
-    if not isinstance(lost, jax.core.Tracer) and bool(lost.any()):
+    if not is_traced(lost) and bool(lost.any()):
         raise ValueError(
             "warp: got an apex that is not before these receivers (lambda would not be positive), expected a warp made "
             "for a body that begins no later"

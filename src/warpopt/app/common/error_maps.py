@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from jax.typing import ArrayLike
 
 import warpopt
 from warpopt import theory
@@ -35,17 +36,19 @@ class Mapping:
     plain_width: float
 
     @classmethod
-    def of(cls, solution: "warpopt.SceneSolution", width: float, plain_width: float) -> "Mapping":
+    def of(cls, solution: "warpopt.SceneSolution", width: ArrayLike, plain_width: ArrayLike) -> "Mapping":
         """Of one scene's solution."""
         frame, footprint = solution.frame, solution.footprint
         return cls(
-            *(np.asarray(axis) for axis in (frame.x_axis, frame.z_axis, frame.light)),
-            float(footprint.start),
-            float(footprint.mu),
-            (float(frame.density_p), float(frame.density_q)),
-            float(solution.warp.eta),
-            float(width),
-            float(plain_width),
+            x_axis=np.asarray(frame.x_axis),
+            z_axis=np.asarray(frame.z_axis),
+            light=np.asarray(frame.light),
+            start=float(footprint.start),
+            mu=float(footprint.mu),
+            densities=(float(np.asarray(frame.density_p)), float(np.asarray(frame.density_q))),
+            eta=float(solution.warp.eta),
+            width=float(np.asarray(width)),
+            plain_width=float(np.asarray(plain_width)),
         )
 
 

@@ -5,6 +5,7 @@ import math
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any, cast
 
 import matplotlib
 import numpy as np
@@ -59,7 +60,7 @@ _LOCK = threading.RLock()  # rcParams are the process's: two threads must not re
 @contextlib.contextmanager
 def house_style() -> Iterator[None]:
     """The figures' style, set on entry and taken back on exit; also a decorator."""
-    with _LOCK, matplotlib.rc_context(_STYLE):
+    with _LOCK, matplotlib.rc_context(cast(Any, _STYLE)):
         yield
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.typing import ArrayLike
 from pydantic import BaseModel
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -61,9 +62,10 @@ def outcome_counts(results: Any) -> dict[str, int]:
     return {warpopt.Outcome(v).name: n for v, n in zip(values.tolist(), counts.tolist(), strict=True)}
 
 
-def finite_or_none(value: float) -> float | None:
-    """A float for strict JSON, which has no infinities."""
-    return float(value) if math.isfinite(value) else None
+def finite_or_none(value: ArrayLike) -> float | None:
+    """A scalar as a float for strict JSON, which has no infinities."""
+    number = float(np.asarray(value))
+    return number if math.isfinite(number) else None
 
 
 def write_json(path: Path, data: Any) -> None:

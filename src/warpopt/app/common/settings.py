@@ -4,7 +4,7 @@ import copy
 import itertools
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import pydantic
@@ -27,7 +27,10 @@ class Section(pydantic.BaseModel):
 Positive = Annotated[float, Field(gt=0, strict=True)]
 HalfFovDeg = Annotated[float, Field(gt=0, lt=90, strict=True)]
 ThetaDeg = Annotated[float, Field(ge=0, le=180, strict=True)]
-Metric = Literal[*PRODUCTS]  # pyright: ignore[reportInvalidTypeForm]
+if TYPE_CHECKING:
+    Metric = str
+else:
+    Metric = Literal[*PRODUCTS]
 
 
 def _norm(value: Any) -> Any:

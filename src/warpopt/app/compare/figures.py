@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
@@ -116,7 +117,7 @@ def curves_figure(compared: list[Compared]) -> Figure:
         style.beside(axes, _title(c), (0.5, 1), (0, 4), va="bottom", fontsize=9.5)
         if column == 0:
             style.beside(axes, "error / optimal error", (0, 0.5), (-36, 0), rotation=90)
-    handles = [Line2D([], [], color="black", linewidth=2.6, label="optimum (= 1)")]
+    handles: list[Artist] = [Line2D([], [], color="black", linewidth=2.6, label="optimum (= 1)")]
     handles.append(Patch(facecolor=style.WORSE, label="worse than no warp"))
     handles.append(Line2D([], [], label="other rules", **_REST))
     at = (left / total, 0.06 / figure.get_size_inches()[1])
@@ -262,7 +263,7 @@ def _map_panel(axes: Axes, c: Compared, last: bool) -> None:
         dark = values > _LEVELS[5]
         for part, ink in ((~dark, "#2b2b2b"), (dark, "#ffffff")):
             for start, stop in np.flatnonzero(np.diff(np.r_[False, harm & part, False])).reshape(-1, 2):
-                place, size = (edges[start], row - 0.5), edges[stop] - edges[start]
+                place, size = (float(edges[start]), row - 0.5), float(edges[stop] - edges[start])
                 look = {"fill": False, "hatch": "//////", "linewidth": 0, "edgecolor": ink, "zorder": 3}
                 axes.add_patch(Rectangle(place, size, 1, **look))
     _map_numbers(axes, c, order, len(top))

@@ -49,10 +49,10 @@ def ratio_text(ratio: float) -> str:
 
 def place_text(c: Compared, worst: "Worst") -> str:
     """Where a rule is worst, in words."""
-    if worst.index < 0:
+    if worst.nearest < 0:
         return "-"
     angle = f"{np.rad2deg(worst.theta):.4g} deg"
-    return angle if c.result.regions is not None else f"{angle}, light {worst.index}"
+    return angle if c.result.regions is not None else f"{angle}, light {worst.nearest}"
 
 
 def compare_report(

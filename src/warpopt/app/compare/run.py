@@ -44,9 +44,10 @@ def run_compare(
         timings = {}
         try:
             with timed(timings, "solve_s"):
-                if scene is None:
+                if isinstance(config, CompareConfig):
                     compared = compare_over_frustum(config, rules, progress)
                 else:
+                    assert scene is not None  # it comes with the configuration
                     compared = compare_over_scene(config, scene, rules, progress)
         except RuleError as error:
             raise ConfigError(str(error)) from error

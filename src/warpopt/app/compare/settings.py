@@ -3,7 +3,7 @@
 import itertools
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import pydantic
 from pydantic import Field
@@ -24,7 +24,10 @@ from ..common.settings import (
 )
 from ..inputs.scene_settings import SceneSettings
 
-RuleName = Literal[*EVERY]  # pyright: ignore[reportInvalidTypeForm]
+if TYPE_CHECKING:
+    RuleName = str
+else:
+    RuleName = Literal[*EVERY]
 _PLACE = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
 
@@ -37,11 +40,11 @@ def _place(value: str) -> str:
 class RulesConfig(Section):
     """Which rules are compared."""
 
-    names: Annotated[list[RuleName], pydantic.BeforeValidator(listed), Distinct] = Field(list(EVERY))
+    names: Annotated[list[RuleName], pydantic.BeforeValidator(listed), Distinct] = Field(default=list(EVERY))
     """Of warpopt's own, published and engines'."""
     own: dict[
         Annotated[str, Field(pattern=r"^\w[\w ./-]*$", max_length=40)], Annotated[str, pydantic.AfterValidator(_place)]
-    ] = Field({})
+    ] = Field(default={})
     """Yours: name = "module:function", a callable (frustum, theta) -> warpopt.Warp, in a module that is installed or
     beside the TOML file. theta is an array, radians; where the function cannot take one, a single angle at a time."""
 

@@ -24,7 +24,11 @@ _COLUMNS = (
     "optimum",
     "limit",
 )
-_OVER = {"optimum": "optimum", "limit": "bound", "no_warp": "no_warp"}  # as columns and as the library call them
+_OVER: dict[str, "warpopt.compare.comparison.Over"] = {
+    "optimum": "optimum",
+    "limit": "bound",
+    "no_warp": "no_warp",
+}  # as columns and as the library call them
 
 
 def write_compare_table(compared: list[Compared], path: Path) -> None:
@@ -56,8 +60,8 @@ def write_ranking(compared: list[Compared], path: Path) -> None:
         for place, name in enumerate(c.result.order(), 1):
             row = [place if name in ranking else "", name, _cell(c.result.mean(name))]
             for over in _OVER:
-                ratio, theta, index = c.result.worst(name, _OVER[over])
-                row += [_cell(ratio), _cell(np.rad2deg(theta)), *([index if index >= 0 else ""] if scene else [])]
+                ratio, theta, nearest = c.result.worst(name, _OVER[over])
+                row += [_cell(ratio), _cell(np.rad2deg(theta)), *([nearest if nearest >= 0 else ""] if scene else [])]
             rows.append([c.metric, c.norm, *([c.camera] if scene else []), *row])
     write_csv(path, heads, rows)
 
@@ -118,9 +122,9 @@ def _rule(r: "warpopt.Comparison", i: int, name: str) -> dict[str, Any]:
 
 def _worst(r: "warpopt.Comparison", name: str, over: str) -> dict[str, Any] | None:
     worst = r.worst(name, _OVER[over])
-    if worst.index < 0:
+    if worst.nearest < 0:
         return None
-    place = {"theta_deg": float(np.rad2deg(worst.theta)), "nearest": worst.index}
+    place = {"theta_deg": float(np.rad2deg(worst.theta)), "nearest": worst.nearest}
     return {"ratio": finite_or_none(worst.ratio), "unbounded": math.isinf(worst.ratio), **place}
 
 

@@ -94,7 +94,7 @@ class BlockFiles:
         temporary = path.with_name(f".{path.name}.{os.getpid()}")
         with temporary.open("wb") as file:
             told = {"identity": self._identity, "block": block, "digest": _digest(arrays)}
-            np.savez(file, **told, **arrays)
+            np.savez(file, allow_pickle=False, **told, **arrays)
         temporary.rename(path)
 
     def delete(self) -> None:

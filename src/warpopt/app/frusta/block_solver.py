@@ -4,6 +4,7 @@ import concurrent.futures
 import dataclasses
 import threading
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import numpy as np
@@ -17,6 +18,8 @@ from warpopt.solve.optimal_warp import optimum_and_norms
 
 from .block_files import Block
 from .problem import SweepProblem, View
+
+Device = Any  # jax.Device is a variable, not a type, to a type checker
 
 _OF_OBJECTIVE = ("eta", "lam_over_mu", "lam", "value", "result", "residual", "limit")
 
@@ -60,7 +63,7 @@ class BlockSolver:
         self._tiling = problem.tiling
         self._theta = np.deg2rad(problem.theta_deg)
 
-    def solve(self, block: int, device: jax.Device, progress: Callable[[str], None]) -> Block:
+    def solve(self, block: int, device: Device, progress: Callable[[str], None]) -> Block:
         """The arrays of a block, without its padding; `progress` is told of each objective done."""
         views, directions = self._tiling.padded(block)
         frustum = jax.device_put(frustum_of([self._problem.all_views[view] for view in views]), device)
@@ -100,18 +103,19 @@ class BlockSolver:
         return {name: np.broadcast_to(np.asarray(array), shape) for name, array in arrays.items()}
 
 
-def shares(blocks: Sequence[int], devices: Sequence[jax.Device]) -> dict[jax.Device, Sequence[int]]:
+def shares(blocks: Sequence[int], devices: Sequence[Device]) -> dict[Device, Sequence[int]]:
     """The blocks of each of this process's devices: one axis of blocks, sharded over the devices of all processes."""
     mesh = Mesh(np.array(devices), ("device",))
     padded = -(-len(blocks) // len(devices)) * len(devices)
     sharding = NamedSharding(mesh, PartitionSpec("device"))
-    return {d: blocks[where] for d, (where,) in sharding.addressable_devices_indices_map((padded,)).items()}
+    placed: dict[Device, Any] = dict(sharding.addressable_devices_indices_map((padded,)))
+    return {d: blocks[where] for d, (where,) in placed.items()}
 
 
 def solve_blocks(
     solver: BlockSolver,
     blocks: Sequence[int],
-    devices: Sequence[jax.Device],
+    devices: Sequence[Device],
     done: Callable[[int, Block], None],
     progress: Callable[[str], None] = lambda name: None,
     skip: Callable[[int], bool] = lambda block: False,
@@ -119,7 +123,7 @@ def solve_blocks(
     """Compute this process's share of the blocks, its devices side by side; `done` is given each as it is finished."""
     failed = threading.Event()
 
-    def work(share: tuple[jax.Device, Sequence[int]]) -> None:
+    def work(share: tuple[Device, Sequence[int]]) -> None:
         device, mine = share
         try:
             for block in mine:

@@ -8,7 +8,7 @@ import numpy as np
 
 from warpopt.objective import Objective
 from warpopt.rules.registry import PUBLISHED
-from warpopt.solve.outcome import failed
+from warpopt.solve.outcome import failed_on_host
 
 from ..common.command import Failed
 from .block_files import Block, BlockFiles
@@ -51,7 +51,7 @@ class OptimumCurves(Curves):
     @property
     def failed(self) -> np.ndarray:
         """Where no optimum was found."""
-        return failed(self.result)
+        return failed_on_host(self.result)
 
     @property
     def metric(self) -> str:
@@ -164,11 +164,12 @@ class _Whole:
         }
         optima = tuple(
             OptimumCurves(
-                *(a[field][o] for field in ("eta", "lam_over_mu", "lam")),
-                objective,
-                *(a[field][o] for field in ("value", "result", "residual")),
-                {name: a["ratio"][o, r] for r, name in enumerate(PUBLISHED)},
-                a["limit"][o],
+                **{
+                    field: a[field][o]
+                    for field in ("eta", "lam_over_mu", "lam", "value", "result", "residual", "limit")
+                },
+                objective=objective,
+                ratios={name: a["ratio"][o, r] for r, name in enumerate(PUBLISHED)},
             )
             for o, objective in enumerate(problem.objectives)
         )

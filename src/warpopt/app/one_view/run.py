@@ -92,8 +92,9 @@ def solve(problem: Problem, as_json: bool) -> int:
 
 def rules(problem: Problem, as_json: bool) -> int:
     """Print every rule, published and engines', beside the optimum; 0 if the optimum was found, 1 if not."""
-    view = _view(problem, [math.radians(problem.theta_deg)])
+    view = _view(problem, np.radians([problem.theta_deg]))
     compared = warpopt.compare_rules(view, None, problem.objective_value())
+    assert isinstance(compared.solution, warpopt.Solution)  # a scene has the other
     answer = _answer(problem, compared.solution, compared.bound)
     warps = warpopt.Warp.from_eta(compared.eta[:, 0], compared.solution.warp)
     over_limit = None if compared.over_bound is None else compared.over_bound[:, 0]

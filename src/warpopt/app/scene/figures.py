@@ -2,14 +2,15 @@
 
 from pathlib import Path
 
-import matplotlib
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
+from matplotlib.colors import LogNorm, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 import warpopt
+from warpopt.receivers import ConvexBody, DepthBuffer
 
 from ..common import figure_style as style
 from ..common.error_maps import Seen, errors, image_of, section_of, shading
@@ -67,10 +68,9 @@ def write_scene_figures(
 def seen_of(config: SceneConfig, scene: SceneInput, s: Solved) -> Seen:
     """The image where there is one, else a section along the light: bodies have no surface to show."""
     camera, receivers = scene.cameras[s.camera], receivers_of(config, scene, s.camera)
-    if scene.depths:
+    if isinstance(receivers, DepthBuffer):
         return image_of(camera, np.asarray(receivers.eye_depth(camera_of(camera))))
-    body = config.receivers.box is not None or config.receivers.planes is not None
-    planes = np.asarray(receivers.planes) if body else np.zeros((0, 4))
+    planes = np.asarray(receivers.planes) if isinstance(receivers, ConvexBody) else np.zeros((0, 4))
     return section_of(camera, planes, s.mapping, *_SECTION)
 
 
@@ -81,7 +81,8 @@ def error_map(config: SceneConfig, seen: Seen, s: Solved) -> Figure:
     both = np.concatenate([best[np.isfinite(best)], plain[np.isfinite(plain)]])
     low, high = np.quantile(both, 0.005), both.max() or 1.0  # E_q of receivers without width is 0
     low = max(min(low, high / 1.5), high * 1e-5)
-    section = seen.extent is not None
+    extent = seen.extent
+    section = extent is not None
     rows, columns = best.shape
     width = min(3.4, 3.4 * columns / rows)
     height = width * rows / columns
@@ -99,17 +100,20 @@ def error_map(config: SceneConfig, seen: Seen, s: Solved) -> Figure:
         ("No warp", _worst(s, "unwarped", plain)),
     )
     scale = LogNorm(low, high)
+    images = [
+        _map(axes, error, scale, config.objective.screen is not None)
+        for axes, error in zip(places[-2:], (best, plain), strict=True)
+    ]
     for axes, error, title in zip(places[-2:], (best, plain), titles, strict=True):
-        image = _map(axes, error, scale, config.objective.screen is not None)
         if section:
-            _section_axes(axes, seen.extent, error.shape)
+            _section_axes(axes, extent, error.shape)
         _title(axes, *title)
     if section:
         places[1].tick_params(labelleft=False)
         words = f"slope towards the light (θ = {s.row['theta_deg']:.0f}°)"
         style.beside(places[0], words, (0, 0.5), (-40, 0), rotation=90)
     bar = style.place(figure, left + panels * (width + gap) + 0.02, top, 0.13, height)
-    figure.colorbar(image, cax=bar)
+    figure.colorbar(images[0], cax=bar)
     style.log_axis(bar, (low, high))
     bar.yaxis.tick_right()
     bar.tick_params(labelleft=False, labelright=True)
@@ -143,7 +147,7 @@ def _title(axes: Axes, title: str, words: str) -> None:
 
 def _map(axes: Axes, error: np.ndarray, scale: LogNorm, pixels: bool):
     _panel(axes)
-    colours = matplotlib.colormaps["magma"]
+    colours = colormaps["magma"]
     image = axes.imshow(error, norm=scale, cmap=colours, aspect="auto", interpolation="nearest")
     if pixels and np.nanmin(error) < 1 < np.nanmax(error):
         # Where a texel is as large as a pixel.
@@ -176,7 +180,7 @@ def _tinted(shade: np.ndarray) -> np.ndarray:
     """Warm grey in the light, blue-grey away from it, and sky."""
     dark, bright = np.array([0.16, 0.19, 0.25]), np.array([0.98, 0.95, 0.88])
     colour = dark + np.nan_to_num(shade)[..., None] * (bright - dark)
-    sky = np.array(matplotlib.colors.to_rgb(_SKY))
+    sky = np.array(to_rgb(_SKY))
     return np.clip(np.where(np.isfinite(shade)[..., None], colour, sky), 0, 1)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
+from jax.typing import ArrayLike
 
 import warpopt
 from warpopt._checks import trusted
@@ -90,11 +91,11 @@ class _Found:
     """What one call computes for each light."""
 
     solution: "warpopt.SceneSolution"
-    matrix: np.ndarray
-    lam: np.ndarray
-    lam_over_mu: np.ndarray
-    width: np.ndarray
-    plain_width: np.ndarray
+    matrix: ArrayLike
+    lam: ArrayLike
+    lam_over_mu: ArrayLike
+    width: ArrayLike
+    plain_width: ArrayLike
 
 
 jax.tree_util.register_dataclass(_Found)
@@ -137,7 +138,7 @@ def _limit(view: "warpopt.SceneView", objective: Objective, value: float | None)
 
 
 def _solved(found: _Found, place: tuple[int, int], direction: list[float], objective: Objective, alone: bool) -> Solved:
-    solution, matrix = found.solution, found.matrix
+    solution, matrix = found.solution, np.asarray(found.matrix)
     outcome = warpopt.Outcome(int(solution.result))
     mapping = Mapping.of(solution, found.width, found.plain_width)
     there = outcome is not warpopt.Outcome.empty  # an empty scene has no warp and no matrix

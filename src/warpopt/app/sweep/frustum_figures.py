@@ -93,7 +93,8 @@ def error_distribution_figure(view: View, data: Distributions | None = None) -> 
     """
     data = distributions(view) if data is None else data
     logs = np.log(data.errors) / math.log(5)
-    norm = Normalize(*_decades(logs))
+    low, high = _decades(logs)
+    norm = Normalize(low, high)
     colours = ScalarMappable(norm, _COLOURS)
     slope = math.tan(math.radians(view.half_fov_deg))
     width = _PANEL
@@ -128,7 +129,7 @@ def error_distribution_figure(view: View, data: Distributions | None = None) -> 
         canvas.text(left, 0.02 - top, text, size=6, color=style.MUTED, va="bottom")
     canvas.set_xlim(0, total)
     canvas.set_ylim(-bottom - 0.72, 0)
-    _colour_bar(figure, colours, (left, bottom + 0.1, len(TECHNIQUES) * (width + gap) - gap))
+    _colour_bar(figure, colours, (low, high), (left, bottom + 0.1, len(TECHNIQUES) * (width + gap) - gap))
     return figure
 
 
@@ -192,11 +193,12 @@ def _maximum_text(largest: float) -> str:
     return f"max {largest:,.0f}" if largest >= 100 else f"max {largest:.3g}"
 
 
-def _colour_bar(figure: Figure, colours: ScalarMappable, place: tuple[float, float, float]) -> None:
-    left, top, width = place
+def _colour_bar(
+    figure: Figure, colours: ScalarMappable, exponents: tuple[int, int], place: tuple[float, float, float]
+) -> None:
+    (low, high), (left, top, width) = exponents, place
     bar = style.place(figure, left, top, width, 0.13)
     figure.colorbar(colours, cax=bar, orientation="horizontal")
-    low, high = colours.norm.vmin, colours.norm.vmax
     ticks = np.arange(low, high + 1, 1 + (high - low) // 16)
     bar.set_xticks(ticks, ["5" + style.superscript(int(tick)) for tick in ticks], fontsize=8)
     bar.vlines(ticks, 0, 1, color="#303030", linewidth=0.5)
@@ -307,12 +309,12 @@ def _map_panel(axes: Axes, region: FocusRegion, index: int) -> None:
     axes.add_patch(Polygon(hull, closed=True, facecolor="none", edgecolor=style.INK, linewidth=1.2, zorder=2))
     look = {"facecolor": _FOCUS_FILL, "edgecolor": _FOCUS, "linewidth": 1.6, "alpha": 0.9}
     axes.add_patch(Polygon(region.focus[index], closed=True, zorder=3, **look))
-    middle = region.focus[index].mean(axis=0)
+    x, y = middle = region.focus[index].mean(axis=0)
     box = {"edgecolor": "none", "pad": 2.0, "alpha": 0.9}
     words = {"ha": "center", "va": "center", "fontsize": 7.5, "zorder": 5}
     area = f"focus region:\n{100 * region.focus_areas[index]:.0f} % of the map"
     if index == 0:
-        axes.text(*middle, area, color=_FOCUS_INK, **words)
+        axes.text(x, y, area, color=_FOCUS_INK, **words)
     else:
         leader = {"arrowstyle": "-", "color": _FOCUS, "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
         axes.annotate(

@@ -138,6 +138,8 @@ def _children(commands: list[list[str]], folder: Path, say: Callable[[str], None
                 start_new_session=True, encoding="utf-8", errors="replace",
             )  # fmt: skip
             tail: collections.deque = collections.deque(maxlen=_TAIL_LINES)
+            assert process.stdout is not None  # both are pipes
+            assert process.stderr is not None
             threads = [_reader(process.stdout, say), _reader(process.stderr, tail.append)]
             children.append(_Child(number, process, alive_path(folder, number), tail, threads))
         yield children

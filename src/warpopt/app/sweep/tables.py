@@ -39,6 +39,7 @@ def write_arrays(sweep: Sweep, path: Path) -> None:
     views = {name: np.array([getattr(v, name) for v in sweep.views]) for name in ("near", "far", "half_fov_deg")}
     np.savez(
         path,
+        allow_pickle=False,
         theta_deg=sweep.theta_deg,
         **views,
         metric=np.array([o.metric for o in sweep.optima]),

@@ -24,6 +24,7 @@ def work(config: RunConfig) -> int:
     compute = config.compute
     me, timeout_s = compute.process_id, round(compute.timeout_s)
     problem = config.problem()
+    assert me is not None  # else the launcher would run
     folder = folder_of(config.output.directory, problem)
     folder.mkdir(parents=True, exist_ok=True)
     _stay_alive_with_launcher(alive_path(folder, me), compute.timeout_s)

@@ -18,8 +18,11 @@ def run_table(config: TableConfig) -> int:
     view, objective, span = config.view, config.objective, config.light.theta_deg
     path = config.output.file
     ratios, fovs = view.far_over_near, view.half_fov_deg_range
-    far = view.far or view.near * ratios.start
-    frustum = warpopt.ViewFrustum(view.near, far, math.radians(view.half_fov_deg or fovs.start))
+    far = view.near * ratios.start if ratios else view.far
+    half_fov = fovs.start if fovs else view.half_fov_deg
+    assert far is not None  # the settings require one of each pair
+    assert half_fov is not None
+    frustum = warpopt.ViewFrustum(view.near, far, math.radians(half_fov))
     try:
         table = warpopt.build_table(
             frustum, objective.objective_value(), max_regret=objective.max_regret,

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 from jax.typing import ArrayLike
+from jaxtyping import Array
 from numpy.typing import NDArray
 
 from ...theory.camera import Camera
@@ -37,7 +38,7 @@ class BodyProfile:
         return widest(_in_frame(self.bodies, self.frame))
 
 
-def slab(edges: ArrayLike, near: ArrayLike, far: ArrayLike) -> NDArray:
+def slab(edges: ArrayLike, near: Array | float, far: Array | float) -> NDArray:
     """Vertices of the frustum with these edges, (x/z, y/z, 1), between two eye depths."""
     return np.concatenate([np.asarray(edges, np.float64) * float(z) for z in (near, far)])
 
@@ -75,7 +76,8 @@ def _lower_hull(d: NDArray, v: NDArray) -> tuple[NDArray, NDArray]:
         while len(kept) > 1 and _above(kept[-2], kept[-1], (at, value)):
             kept.pop()
         kept.append((at, value))
-    return tuple(np.array(column) for column in zip(*kept, strict=True))
+    at, least = np.array(kept).T
+    return at, least
 
 
 def _above(p: tuple[float, float], q: tuple[float, float], r: tuple[float, float]) -> bool:

@@ -1,7 +1,7 @@
 """What a lower bound asks of receivers."""
 
 import dataclasses
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ class Stretches:
 NOTHING = Stretches(np.zeros(0), np.zeros(0), 0.0)
 
 
+@runtime_checkable
 class DepthProfile(Protocol):
     """Receivers by their depth along Z_w."""
 

@@ -54,8 +54,11 @@ class Solid(eqx.Module):
 
 def sliced_stretches(camera: Camera, frame: LightFrame, solid: Solid, order: float, parts: int) -> Stretches:
     """The best map of E_p in L_order, each stretch between two vertices in straight `parts`."""
-    *stretches, value = body_shares(camera, frame, solid, order)
-    return Stretches(*_joined(*stretches, parts), float(value)) if value > 0 else NOTHING
+    starts, lengths, shares, value = body_shares(camera, frame, solid, order)
+    if not value > 0:
+        return NOTHING
+    at, s = _joined(starts, lengths, shares, parts)
+    return Stretches(at, s, float(value))
 
 
 @functools.partial(jax.jit, static_argnames=("order",))
@@ -182,7 +185,7 @@ def _slice(
     return [(area * z**-power).sum() for power in powers]
 
 
-def _graded(L: Array, t: Array) -> tuple[Array, Array]:
+def _graded(L: Array, t: Array | np.ndarray) -> tuple[Array, Array]:
     """(share, its derivative): expm1(L t) / expm1(L), which grows as e^(L t); t itself for L = 0."""
     level = L == 0
     L = jnp.where(level, 1, L)

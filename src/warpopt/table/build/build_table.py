@@ -95,6 +95,7 @@ def build_table(
     else:
         attempts = (_two_axes if axes else _single_row)(ranges, objective, float(max_regret))
     rows, promise = next(attempts)
+    worst, at = math.inf, (math.nan,) * 3
     for _ in range(_ROUNDS):
         # What engines keep: single precision. The promise is kept by these numbers.
         ratios, fovs = (axis if len(axis) == 1 else _single(axis) for axis in (rows.depth_ratio, rows.half_fov))
@@ -198,7 +199,8 @@ def _best_heights(samples: Samples, knots: np.ndarray) -> np.ndarray:
 
 
 def _ratios(ranges: Ranges) -> np.ndarray:
-    return np.exp(_candidates(*np.log(ranges.depth_ratio), _RATIO_STEP))
+    first, last = np.log(ranges.depth_ratio)
+    return np.exp(_candidates(first, last, _RATIO_STEP))
 
 
 def _fovs(ranges: Ranges) -> np.ndarray:

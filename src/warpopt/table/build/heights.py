@@ -68,4 +68,4 @@ def inside(
     lower = scipy.sparse.hstack([slope.multiply(-below[:, None]), depth])
     upper = scipy.sparse.hstack([slope[bounded].multiply(above[:, None]), depth[bounded]])
     limits = (value - around.lower) * below, (around.upper - value)[bounded] * above
-    return scipy.sparse.vstack([lower, upper]), np.concatenate(limits)
+    return scipy.sparse.csr_matrix(scipy.sparse.vstack([lower, upper])), np.concatenate(limits)

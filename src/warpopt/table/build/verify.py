@@ -31,8 +31,8 @@ class Ranges(NamedTuple):
 
     def rows(self, theta: np.ndarray, eta: np.ndarray) -> Rows:
         """A table of one row."""
-        axes = (np.array(axis[:1]) for axis in (self.depth_ratio, self.half_fov))
-        return Rows(*axes, theta[None, None], eta[None, None])
+        depth_ratio, half_fov = (np.array(axis[:1]) for axis in (self.depth_ratio, self.half_fov))
+        return Rows(depth_ratio, half_fov, theta[None, None], eta[None, None])
 
 
 def verify(
@@ -56,8 +56,8 @@ def verify(
     def in_precision(dtype, points: np.ndarray) -> np.ndarray:
         theta, log_ratio, half_fov = np.clip(points, low, high).T
         depth_ratio = np.exp(log_ratio).astype(np.float32).astype(float)
-        given = (v.astype(dtype) for v in (theta, depth_ratio, half_fov))
-        eta = lookup(*given, rows, np).astype(float)
+        angle, ratio, fov = (v.astype(dtype) for v in (theta, depth_ratio, half_fov))
+        eta = lookup(angle, ratio, fov, rows, np).astype(float)
         # A single frustum's integrals are computed once.
         frusta = ranges.frusta() if ranges.single else ranges.frusta(depth_ratio, half_fov)
         return np.asarray(regret(frusta, theta, eta, objective))
