@@ -1,0 +1,153 @@
+"""Depth channels of OpenEXR files: parts, layers, data and display windows, deep pixels."""
+
+import contextlib
+import io
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+MAGIC = bytes.fromhex("762f3101")
+_MOST_PIXELS = 1 << 28
+
+
+def read_exr(path: Path, channel: str | None = None, part: int | str | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """(values, whether the file has one) over the display window, each (height, width), row 0 at the top.
+
+    Pixels of the display window that the data window lacks have no value; those beyond it are cropped.
+
+    Args:
+        path: of the file.
+        channel: its whole name, or a layer's name before ".Z"; by default Z, or else the only layer's Z, or else the
+            only channel.
+        part: name or index; by default the first that has the channel.
+
+    Raises:
+        ValueError: in one sentence, for a file or channel that cannot be read.
+    """
+    try:
+        import OpenEXR
+    except ImportError:
+        raise ValueError(
+            f"{path}: got an OpenEXR file, expected the package OpenEXR to read it with: pip install 'warpopt[scene]'"
+        ) from None
+    try:
+        # The header first: what it declares is bounded before room is made for it.
+        headers = [(p.name(), p.header, _names(p)) for p in _opened(OpenEXR, path, header_only=True)]
+        index, wanted = _chosen(path, headers, channel, part)
+        header = headers[index][1]
+        data, display = _window(path, header, "dataWindow"), _window(path, header, "displayWindow")
+        values, held = _pixels(_opened(OpenEXR, path, header_only=False), index, wanted)
+    except _BrokenError:
+        raise ValueError(f"{path}: cannot be read as OpenEXR: got broken or missing data") from None
+    left, top, width, height = data
+    if values.shape != (height, width):
+        raise ValueError(
+            f"{path}: channel {wanted}: got {values.shape[1]} x {values.shape[0]} pixels, expected one for each of the "
+            f"{width} x {height} of the data window"
+        )
+    across, down, width, height = display
+    whole, there = np.zeros((height, width), values.dtype), np.zeros((height, width), bool)
+    # The rectangle that both windows have, in pixels of each.
+    first = max(left, across), max(top, down)
+    last = min(left + data[2], across + width), min(top + data[3], down + height)
+    if first[0] < last[0] and first[1] < last[1]:
+        inside = np.s_[first[1] - down : last[1] - down, first[0] - across : last[0] - across]
+        whole[inside] = values[first[1] - top : last[1] - top, first[0] - left : last[0] - left]
+        there[inside] = held[first[1] - top : last[1] - top, first[0] - left : last[0] - left]
+    return whole, there
+
+
+class _BrokenError(Exception):
+    """What the reader stumbles over, whatever it says."""
+
+
+def _opened(reader: Any, path: Path, header_only: bool) -> list[Any]:
+    printed = io.StringIO()
+    try:
+        # The reader tells of broken pixels on the terminal alone, and then gives a file without parts.
+        with contextlib.redirect_stdout(printed), _silent():
+            file = reader.File(str(path), separate_channels=True, header_only=header_only)
+            parts = list(file.parts)
+    except Exception:  # it has no error class of its own
+        raise _BrokenError from None
+    if not parts or "Exception" in printed.getvalue():
+        raise _BrokenError
+    return parts
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Nothing on standard error from code that is not Python's."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # there is none
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def _names(part: Any) -> list[str]:
+    return sorted(channel.name for channel in part.header["channels"])
+
+
+def _chosen(path: Path, headers: list[tuple], channel: str | None, part: int | str | None) -> tuple[int, str]:
+    """(part, name of the channel)."""
+    if isinstance(part, int) and not 0 <= part < len(headers):
+        raise ValueError(f"{path}: got {len(headers)} part(s), expected one of index {part}")
+    asked = range(len(headers)) if part is None else [part] if isinstance(part, int) else []
+    if isinstance(part, str):
+        asked = [i for i, (name, _, _) in enumerate(headers) if name == part]
+        if not asked:
+            there = ", ".join(repr(name) for name, _, _ in headers)
+            raise ValueError(f"{path}: got part(s) {there}, expected {part!r} among them")
+    for index in asked:
+        found = _candidates(headers[index][2], channel)
+        if len(found) > 1:
+            raise ValueError(f"{path}: got channels {', '.join(found)}, expected a choice among them")
+        if found:
+            return index, found[0]
+    names = list(dict.fromkeys(name for index in asked for name in headers[index][2]))
+    raise ValueError(f"{path}: got channels {', '.join(names) or 'none'}, expected {channel or 'Z'!r} among them")
+
+
+def _candidates(names: list[str], channel: str | None) -> list[str]:
+    if channel is not None:
+        return [name for name in (channel, f"{channel}.Z") if name in names][:1]
+    if "Z" in names:
+        return ["Z"]
+    layers = [name for name in names if name.endswith(".Z")]
+    return layers or (names if len(names) == 1 else [])
+
+
+def _window(path: Path, header: dict[str, Any], key: str) -> tuple[int, int, int, int]:
+    """(left, top, width, height) in pixels."""
+    (left, top), (right, bottom) = ((int(v) for v in corner) for corner in header[key])
+    width, height = right - left + 1, bottom - top + 1
+    if width < 1 or height < 1 or width * height > _MOST_PIXELS:
+        raise ValueError(f"{path}: got a {key} of {width} x {height} pixels, expected 1 to {_MOST_PIXELS:,} of them")
+    return left, top, width, height
+
+
+def _pixels(parts: list[Any], index: int, channel: str) -> tuple[np.ndarray, np.ndarray]:
+    """(values, whether there is one) over the data window."""
+    pixels = parts[index].channels[channel].pixels if channel in parts[index].channels else None
+    if pixels is None:
+        raise _BrokenError
+    pixels = np.asarray(pixels)
+    if pixels.dtype != object:
+        return pixels, np.ones(pixels.shape, bool)
+    # Deep: a list of samples for each pixel, in no order, or none.
+    held = np.array([samples is not None and len(samples) > 0 for samples in pixels.flat], bool).reshape(pixels.shape)
+    nearest = np.zeros(pixels.shape)
+    nearest[held] = [np.min(samples) for samples in pixels[held]]
+    return nearest, held
