@@ -47,7 +47,7 @@ def read_depth_image(
             `distance`. Infinity, 0 and negative values are background in any case of linear depth.
         far: of the camera; linear eye depths at or beyond it are background.
         nan_is_background: NaN is refused if not.
-        rows: "top_down" or "bottom_up", of what the file holds, read in its format's own order (PFM is upright as it comes).
+        rows: "top_down" or "bottom_up", of what its format calls the first row (PFM, stored upwards, is upright).
         distance: "planar" or "ray", linear depth along the view or along each pixel's ray.
         window: slopes of the camera's side planes, for `distance="ray"`.
 
