@@ -77,8 +77,10 @@ class Accessors:
         if dtype.kind != "u":
             raise where.refused("componentType", "5121, 5123 or 5125 (unsigned integers)")
         places = self._strided(where, count, 1, dtype, stride=False)[:, 0].astype(np.int64)
-        if places.max() >= len(values):
-            raise GltfError(f"{where.where}: got index {places.max()}, expected indices below {len(values)}")
+        if (np.diff(places) <= 0).any():
+            raise GltfError(f"{where.where}: got places that do not rise, expected each once and in order")
+        if places[-1] >= len(values):
+            raise GltfError(f"{where.where}: got index {places[-1]}, expected indices below {len(values)}")
         values = values.copy()
         values[places] = self._strided(what, count, values.shape[1], values.dtype, stride=False)
         return values

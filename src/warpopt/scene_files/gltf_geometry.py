@@ -106,6 +106,14 @@ class _Collection:
         return GltfGeometry(triangles, report)
 
     def _add_node(self, node: Node) -> None:
+        try:
+            self._add_mesh(node)
+        except GltfError as error:
+            # What a part of the file is wrong about is told with the node that shows it.
+            told = str(error)
+            raise GltfError(told if told.startswith(node.item.where) else f"{node.item.where}: {told}") from None
+
+    def _add_mesh(self, node: Node) -> None:
         index = self._document.index(node.item, "mesh", "meshes")
         mesh = self._document.item("meshes", index)
         if not node.visible:
@@ -124,12 +132,8 @@ class _Collection:
         with np.errstate(over="ignore", invalid="ignore"):
             places = node.world[None] if repeated is None else node.world @ repeated
         for number, primitive in enumerate(mesh.children("primitives", "primitive")):
-            try:
-                if self._wanted(node, primitive):
-                    self._add(primitive, (index, number), weights, skin, places)
-            except GltfError as error:
-                # What a part of the file is wrong about is told with the node that shows it.
-                raise GltfError(f"{node.item.where}: {error}") from None
+            if self._wanted(node, primitive):
+                self._add(primitive, (index, number), weights, skin, places)
 
     def _wanted(self, node: Node, primitive: Item) -> bool:
         """Whether a primitive has triangles and is not left out; counts those that have none."""
@@ -194,6 +198,8 @@ class _Collection:
                 if len(inverse) < len(joints):
                     raise GltfError(f"{skin.where}: got {len(inverse)} inverseBindMatrices, expected {len(joints)}")
                 inverse = inverse[: len(joints)].astype(float).reshape(-1, 4, 4).swapaxes(1, 2)
+                if not (np.abs(inverse[:, 3] - [0, 0, 0, 1]) < 1e-6).all():
+                    raise GltfError(f"{skin.where}: got inverseBindMatrices that are not affine, expected affine ones")
                 with np.errstate(over="ignore", invalid="ignore"):
                     worlds = worlds @ inverse
             self._skins[index] = worlds
