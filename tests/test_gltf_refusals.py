@@ -239,6 +239,16 @@ def test_numbers_that_overflow_are_refused_with_their_node(folder):
     assert "node 1 'higher': mesh 0, primitive 0: got vertices that are NaN or infinite" in told(Path("bad.gltf"))
 
 
+def test_a_deep_tree_is_no_burden(folder):
+    """A chain of nodes: neither recursion nor a list of names for each."""
+    b = Builder()
+    for i in range(5000):
+        b.node(name="link", translation=[0, 1, 0], children=[i + 1])
+    b.node(mesh=b.quad())
+    Path("deep.gltf").write_text(json.dumps(b.done()))
+    assert read_geometry(Path("deep.gltf"), exclude=["sky"]).triangles[0, 0, 1] == 5000
+
+
 def test_an_index_that_restarts_a_primitive_is_refused(folder):
     b = Builder()
     b.node(mesh=b.mesh(b.accessor(np.zeros((256, 3), "f4")), b.accessor(np.array([0, 1, 255], "u1"))))

@@ -88,9 +88,10 @@ def decoded_image(
     there = np.ones(values.shape, bool) if there is None else there
     if rows == "bottom_up":
         values, there = values[::-1], there[::-1]
-    depth = values.astype(float)
-    if scale is not None:
-        depth = depth * scale
+    with np.errstate(invalid="ignore", over="ignore"):  # NaN of all kinds, and what becomes infinite
+        depth = values.astype(float)
+        if scale is not None:
+            depth = depth * scale
     missing = np.isnan(depth) & there
     if missing.any() and not nan_is_background:
         raise _refused(depth, missing, encoding, "NaN", "numbers (or the word that NaN is background)")

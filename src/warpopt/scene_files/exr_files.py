@@ -1,16 +1,18 @@
 """Depth channels of OpenEXR files: parts, layers, data and display windows, deep pixels."""
 
 import contextlib
+import dataclasses
 import io
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 MAGIC = bytes.fromhex("762f3101")
 _MOST_PIXELS = 1 << 28
+_Result = TypeVar("_Result")
 
 
 def read_exr(path: Path, channel: str | None = None, part: int | str | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -35,11 +37,10 @@ def read_exr(path: Path, channel: str | None = None, part: int | str | None = No
         ) from None
     try:
         # The header first: what it declares is bounded before room is made for it.
-        headers = [(p.name(), p.header, _names(p)) for p in _opened(OpenEXR, path, header_only=True)]
+        headers = _read(OpenEXR, path, True, lambda parts: [_Header.of(part) for part in parts])
         index, wanted = _chosen(path, headers, channel, part)
-        header = headers[index][1]
-        data, display = _window(path, header, "dataWindow"), _window(path, header, "displayWindow")
-        values, held = _pixels(_opened(OpenEXR, path, header_only=False), index, wanted)
+        data, display = (_size(path, *named) for named in headers[index].windows.items())
+        values, held = _read(OpenEXR, path, False, lambda parts: _pixels(parts[index].channels[wanted].pixels))
     except _BrokenError:
         raise ValueError(f"{path}: cannot be read as OpenEXR: got broken or missing data") from None
     left, top, width, height = data
@@ -64,18 +65,34 @@ class _BrokenError(Exception):
     """What the reader stumbles over, whatever it says."""
 
 
-def _opened(reader: Any, path: Path, header_only: bool) -> list[Any]:
+@dataclasses.dataclass(frozen=True)
+class _Header:
+    """Of a part: its name, its channels, and the corners (left, top, right, bottom) of its windows."""
+
+    name: str
+    channels: list[str]
+    windows: dict[str, tuple[int, ...]]
+
+    @classmethod
+    def of(cls, part: Any) -> "_Header":
+        names = sorted(channel.name for channel in part.header["channels"])
+        corners = {key: np.concatenate(part.header[key]).tolist() for key in ("dataWindow", "displayWindow")}
+        return cls(part.name(), names, corners)
+
+
+def _read(reader: Any, path: Path, header_only: bool, use: Callable[[list[Any]], _Result]) -> _Result:
+    """What `use` makes of the file's parts."""
     printed = io.StringIO()
     try:
         # The reader tells of broken pixels on the terminal alone, and then gives a file without parts.
         with contextlib.redirect_stdout(printed), _silent():
-            file = reader.File(str(path), separate_channels=True, header_only=header_only)
-            parts = list(file.parts)
-    except Exception:  # it has no error class of its own
+            parts = list(reader.File(str(path), separate_channels=True, header_only=header_only).parts)
+            result = use(parts)
+    except Exception:  # it has no error class of its own, and decodes names as they are asked for
         raise _BrokenError from None
     if not parts or "Exception" in printed.getvalue():
         raise _BrokenError
-    return parts
+    return result
 
 
 @contextlib.contextmanager
@@ -96,27 +113,23 @@ def _silent() -> Iterator[None]:
         os.close(nowhere)
 
 
-def _names(part: Any) -> list[str]:
-    return sorted(channel.name for channel in part.header["channels"])
-
-
-def _chosen(path: Path, headers: list[tuple], channel: str | None, part: int | str | None) -> tuple[int, str]:
+def _chosen(path: Path, headers: list[_Header], channel: str | None, part: int | str | None) -> tuple[int, str]:
     """(part, name of the channel)."""
     if isinstance(part, int) and not 0 <= part < len(headers):
         raise ValueError(f"{path}: got {len(headers)} part(s), expected one of index {part}")
     asked = range(len(headers)) if part is None else [part] if isinstance(part, int) else []
     if isinstance(part, str):
-        asked = [i for i, (name, _, _) in enumerate(headers) if name == part]
+        asked = [i for i, header in enumerate(headers) if header.name == part]
         if not asked:
-            there = ", ".join(repr(name) for name, _, _ in headers)
+            there = ", ".join(repr(header.name) for header in headers)
             raise ValueError(f"{path}: got part(s) {there}, expected {part!r} among them")
     for index in asked:
-        found = _candidates(headers[index][2], channel)
+        found = _candidates(headers[index].channels, channel)
         if len(found) > 1:
             raise ValueError(f"{path}: got channels {', '.join(found)}, expected a choice among them")
         if found:
             return index, found[0]
-    names = list(dict.fromkeys(name for index in asked for name in headers[index][2]))
+    names = list(dict.fromkeys(name for index in asked for name in headers[index].channels))
     raise ValueError(f"{path}: got channels {', '.join(names) or 'none'}, expected {channel or 'Z'!r} among them")
 
 
@@ -129,20 +142,17 @@ def _candidates(names: list[str], channel: str | None) -> list[str]:
     return layers or (names if len(names) == 1 else [])
 
 
-def _window(path: Path, header: dict[str, Any], key: str) -> tuple[int, int, int, int]:
+def _size(path: Path, key: str, corners: tuple[int, ...]) -> tuple[int, int, int, int]:
     """(left, top, width, height) in pixels."""
-    (left, top), (right, bottom) = ((int(v) for v in corner) for corner in header[key])
+    left, top, right, bottom = corners
     width, height = right - left + 1, bottom - top + 1
     if width < 1 or height < 1 or width * height > _MOST_PIXELS:
         raise ValueError(f"{path}: got a {key} of {width} x {height} pixels, expected 1 to {_MOST_PIXELS:,} of them")
     return left, top, width, height
 
 
-def _pixels(parts: list[Any], index: int, channel: str) -> tuple[np.ndarray, np.ndarray]:
+def _pixels(pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(values, whether there is one) over the data window."""
-    pixels = parts[index].channels[channel].pixels if channel in parts[index].channels else None
-    if pixels is None:
-        raise _BrokenError
     pixels = np.asarray(pixels)
     if pixels.dtype != object:
         return pixels, np.ones(pixels.shape, bool)

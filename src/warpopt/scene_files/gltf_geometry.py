@@ -92,7 +92,7 @@ class _Collection:
         for node in self._nodes.shown:
             if "mesh" in node.item:
                 self._add_node(node)
-        triangles = np.concatenate(self._parts) if self._parts else np.zeros((0, 3, 3))
+        triangles = self._parts[0] if len(self._parts) == 1 else np.concatenate([np.zeros((0, 3, 3)), *self._parts])
         report = GltfReport(
             len(triangles), self._points, self._lines, self._bare, tuple(self._hidden), tuple(self._excluded),
             tuple(self._masked), tuple(self._blended),
@@ -142,7 +142,9 @@ class _Collection:
         if mode > FAN:
             raise primitive.refused("mode", "0 to 6")
         material = self._document.refers(primitive, "material", "materials")
-        names = node.names if material is None else (*node.names, material.text("name"))
+        names = [] if not (self._include or self._exclude) else node.names()
+        if material is not None:
+            names.append(material.text("name"))
         included = self._like(names, self._include) if self._include else True
         if not included or self._like(names, self._exclude):
             self._excluded[_name(node.item)] = True
@@ -160,7 +162,7 @@ class _Collection:
             return True
         return False
 
-    def _like(self, names: tuple[str, ...], patterns: tuple[str, ...]) -> bool:
+    def _like(self, names: list[str], patterns: tuple[str, ...]) -> bool:
         # All patterns, so that each is known to have matched something.
         hits = [p for p in patterns if any(fnmatch.fnmatchcase(n.lower(), p.lower()) for n in names if n)]
         self._matched.update(dict.fromkeys(hits, True))
@@ -180,8 +182,9 @@ class _Collection:
             else:
                 vertices = primitive.vertices.astype(float)
                 world = vertices @ places[:, :3, :3].swapaxes(1, 2) + places[:, None, :3, 3]
-        corners = world[:, primitive.triangles].reshape(-1, 3, 3)
-        if not np.isfinite(corners).all():
+        corners = world.take(primitive.triangles, axis=1).reshape(-1, 3, 3)
+        # All vertices first, which are fewer; one that no triangle has may be anything.
+        if not np.isfinite(world).all() and not np.isfinite(corners).all():
             raise GltfError(f"{item.where}: got vertices that are NaN or infinite, expected finite ones")
         self._parts.append(corners)
 

@@ -20,13 +20,21 @@ class Node:
         item: what the file says of it.
         world: (4, 4), node to world.
         visible: as `KHR_node_visibility` has it, by itself and all above it.
-        names: its own and those of the nodes above it.
+        above: its parent; None for a root.
     """
 
     item: Item
     world: np.ndarray
     visible: bool
-    names: tuple[str, ...]
+    above: "Node | None"
+
+    def names(self) -> list[str]:
+        """Its own name and those of the nodes above it."""
+        names, node = [], self
+        while node is not None:
+            names.append(node.item.text("name"))
+            node = node.above
+        return names
 
 
 class Nodes:
@@ -124,8 +132,7 @@ def _placed(item: Item, above: Node | None) -> Node:
         world = local if above is None else above.world @ local
     visibility = item.extension("KHR_node_visibility")
     visible = visibility is None or visibility.flag("visible", True)
-    names = (item.text("name"), *(above.names if above else ()))
-    return Node(item, world, visible and (above is None or above.visible), names)
+    return Node(item, world, visible and (above is None or above.visible), above)
 
 
 def _local(item: Item) -> np.ndarray:

@@ -74,15 +74,16 @@ def skinned(primitive: Primitive, joints: np.ndarray, where: str) -> np.ndarray:
     """
     if primitive.joints is None:
         raise GltfError(f"{where}: got a mesh without JOINTS_0 on a skin, expected them")
-    if primitive.joints.max() >= len(joints):
-        raise GltfError(f"{where}: got joint {primitive.joints.max()}, expected one of the skin's {len(joints)}")
+    used = np.where(primitive.weights > 0, primitive.joints, 0)  # others may be anything
+    if used.max() >= len(joints):
+        raise GltfError(f"{where}: got joint {used.max()}, expected one of the skin's {len(joints)}")
     total = primitive.weights.sum(1, keepdims=True)
     if not (total > 0).all() or (primitive.weights < 0).any():
         raise GltfError(f"{where}: got vertices whose WEIGHTS are negative or all 0, expected a sum of 1")
     vertices = primitive.vertices.astype(float)
     world = np.zeros_like(vertices)
     # Joint by joint of a vertex: a matrix for each vertex at once would take ten times the room.
-    for joint, share in zip(primitive.joints.T, (primitive.weights / total).T, strict=True):
+    for joint, share in zip(used.T, (primitive.weights / total).T, strict=True):
         turn = joints[joint]
         world += share[:, None] * (np.einsum("vij,vj->vi", turn[:, :3, :3], vertices) + turn[:, :3, 3])
     return world
