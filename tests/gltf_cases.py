@@ -154,7 +154,8 @@ def _morphed(b):
 def _skinned(b):
     inverse = np.array([np.eye(4), np.eye(4)], "f4")
     inverse[1, 3, :3] = [0, -2, 1]  # column by column: the last row is the translation
-    joints = np.array([[0, 1, 0, 0], [1, 0, 0, 0], [0, 1, 1, 0], [1, 1, 0, 0]], "u1")
+    joints = np.array([[0, 1, 9, 0], [1, 0, 0, 0], [0, 1, 1, 0], [1, 1, 0, 0]], "u1")
+    # Joint 9, which there is not, has no weight.
     weights = np.array([[1, 0, 0, 0], [0.5, 0.5, 0, 0], [0.25, 0.25, 0.5, 0], [1, 0, 0, 0]], "f4")
     attributes = {
         "JOINTS_0": b.accessor(joints), "WEIGHTS_0": b.accessor(weights),

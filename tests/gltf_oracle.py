@@ -156,7 +156,7 @@ class _Reader:
         world = []
         for point, js, ws in zip(points, joints, shares, strict=True):
             at = np.zeros(3)
-            for j, w in zip(js, ws, strict=True):
+            for j, w in ((j, w) for j, w in zip(js, ws, strict=True) if w):
                 bound = self._moved({"matrix": inverse[j]}, point) if inverse else point
                 at += w / sum(ws) * np.array(self.to_world(skin["joints"][j], bound))
             world.append(tuple(at))

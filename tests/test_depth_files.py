@@ -129,6 +129,14 @@ def test_every_kind_of_file_holds_the_same_depths(folder, kind):
     assert (image.seen, image.smallest, image.why_blank()) == (12, 1.0, None)
 
 
+def test_a_broken_part_is_not_passed_over(folder):
+    """The reader gives what it could read, and tells of the rest on the terminal alone."""
+    content = bytearray(_parts().read_bytes())
+    content[-8:] = b"\xff" * 8
+    with pytest.raises(ValueError, match="cannot be read as OpenEXR: got broken or missing data"):
+        read_depth_image(_bytes(bytes(content)), part=1)
+
+
 def test_a_deep_pixel_without_samples_is_background(folder):
     depth = read_depth_image(_deep(hole=True)).depth
     assert np.isinf(depth[1, 2])
@@ -210,6 +218,8 @@ def test_a_blank_buffer_is_explained():
     assert far.why_blank() == "all 34,816 values are at or beyond far = 500; the smallest is 3,290: units?"
     given = decoded_image(np.full((2, 3), 9.0), far=500.0, background=5.0)
     assert given.why_blank() == "all 6 values are at or beyond background = 5; the smallest is 9: units?"
+    nearer = decoded_image(np.full((2, 3), 9.0), far=5.0, background=8.0)
+    assert nearer.why_blank() == "all 6 values are at or beyond far = 5; the smallest is 9: units?"
     assert "infinite, 0, negative or missing" in decoded_image(np.zeros((2, 3))).why_blank()
     assert "background for encoding 'standard'" in decoded_image(np.ones((2, 3)), encoding="standard").why_blank()
 

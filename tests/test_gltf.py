@@ -80,6 +80,18 @@ def test_the_three_packings_are_one(folder):
     agrees(read_geometry(Path("scene.glb")).triangles, expected)
 
 
+def test_without_a_default_scene_the_first_is_shown_and_without_scenes_all(folder):
+    data = document("a tree")
+    data["scenes"].append({"nodes": [4]})
+    expected = gltf_oracle.triangles(data)
+    del data["scene"]
+    agrees(read_geometry(written(data)).triangles, expected)
+    del data["scenes"]
+    data["scene"] = 0
+    both = read_geometry(written({k: v for k, v in data.items() if k != "scene"})).triangles
+    agrees(both, gltf_oracle.triangles(data | {"scenes": [{"nodes": [0, 4]}]}))
+
+
 def _compressed(b: Builder, positions: np.ndarray, faces: np.ndarray, extension: str) -> None:
     """A quad in meshopt's compression, whose fallback buffer has no bytes."""
     meshopt = pytest.importorskip("meshopt")
@@ -125,6 +137,31 @@ def _draco(b: Builder, **more) -> dict:
     ]  # fmt: skip
     b.node(mesh=b.mesh(0, 1, extensions=extension, **more), translation=[0, 0, -3])
     return b.done() | {"extensionsRequired": list(extension), "extensionsUsed": list(extension)}
+
+
+def test_meshopt_filters_are_undone(folder):
+    """Mantissas of 20 bits: the encoder rounds to 2^-19 of the largest number."""
+    meshopt = pytest.importorskip("meshopt")
+    b = Builder()
+    values = np.random.default_rng(2).uniform(-1, 1, (9, 3)).astype("f4")
+    packed = meshopt.encode_gltf_buffer(meshopt.encode_filter_exp(values, 20), "ATTRIBUTES")
+    inner = {"buffer": 0, "byteOffset": 0, "byteLength": len(packed), "byteStride": 12, "count": 9}
+    held = b.data["bufferViews"][b.view(packed)]
+    held["extensions"] = {"EXT_meshopt_compression": inner | {"mode": "ATTRIBUTES", "filter": "EXPONENTIAL"}}
+    b.data["accessors"].append({"bufferView": 0, "componentType": 5126, "count": 9, "type": "VEC3"})
+    b.node(mesh=b.mesh(0))
+    np.testing.assert_allclose(read_geometry(written(b.done())).triangles.reshape(-1, 3), values, atol=2**-19)
+
+
+def test_what_is_beside_draco_is_preferred(folder):
+    """Without loss, and without the package."""
+    b = Builder()
+    mesh = b.quad()
+    extension = {"bufferView": 0, "attributes": {"POSITION": 0}}  # which is no Draco
+    b.data["meshes"][mesh]["primitives"][0]["extensions"] = {"KHR_draco_mesh_compression": extension}
+    b.node(mesh=mesh)
+    data = b.done() | {"extensionsUsed": ["KHR_draco_mesh_compression"]}
+    agrees(read_geometry(written(data)).triangles, gltf_oracle.triangles(data))
 
 
 @pytest.mark.parametrize("mode", [4, 5])
@@ -220,6 +257,9 @@ def test_cameras_by_name_and_index(folder):
     np.testing.assert_allclose(eye.position, [0, 5, -4], atol=1e-12)
     np.testing.assert_allclose(eye.rotation, [[0, 0, -1], [0, 1, 0], [-1, 0, 0]], atol=1e-12)
     assert eye.scene_camera(2.0).aspect == pytest.approx(2.0)
+    b.data["nodes"][1]["scale"] = [-2, 3, 4]  # a mirror keeps its hand
+    mirrored = read_gltf_camera(written(b.done()), "eye").rotation
+    np.testing.assert_allclose(mirrored, [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-12)
     plan = read_gltf_camera(path, "plan")
     assert read_gltf_camera(path, 1).name == plan.name == "above"
     assert (plan.kind, plan.half_size, plan.aspect, plan.half_fov) == ("orthographic", (4, 2), 2, None)

@@ -110,6 +110,8 @@ BAD = {
     "a kind": (changed("accessors", 0, type="VEC2"), "accessor 0: got type 'VEC2', expected 'VEC3'"),
     "float indices": (changed("accessors", 1, componentType=5126, count=3), "expected 5121, 5123 or 5125"),
     "count beyond the view": (changed("accessors", 0, count=10**12), "expected at most the 48 of buffer view 0"),
+    "an offset beyond the view": (changed("accessors", 0, byteOffset=4), "got 52 bytes, expected at most the 48"),
+    "a view's end": (changed("bufferViews", 1, byteLength=13), "buffer view 1: got bytes 48 to 61, expected at most"),
     "a count that is none": (changed("accessors", 0, count=0), "got count 0, expected an integer from 1"),
     "triangles without end": (changed("accessors", 1, count=10**15), "expected at most 50,000,000"),
     "zeros without end": (
@@ -277,6 +279,26 @@ def _glb(version=2, length=None, kind=0x4E4F534A, size=None, content=b'{"asset":
 def test_what_is_no_gltf_is_told(folder, content, words):
     Path("bad.glb").write_bytes(content)
     assert words in told(Path("bad.glb"))
+
+
+def test_the_binary_chunk_is_the_first_buffer_alone(folder):
+    data = plain()
+    blob = b"\0" * 60
+    data["buffers"] = [{"byteLength": 4, "uri": "data:;base64,AAAAAA=="}, {"byteLength": 60}]
+    for view in data["bufferViews"]:
+        view["buffer"] = 1
+    content = json.dumps(data).encode()
+    chunk = struct.pack("<II", len(blob), 0x004E4942) + blob
+    Path("bad.glb").write_bytes(_glb(length=20 + len(content) + len(chunk), content=content) + chunk)
+    assert "buffer 1: got no uri" in told(Path("bad.glb"))
+
+
+def test_instances_multiply_the_triangles(folder):
+    path = Path("many.gltf")
+    path.write_text(json.dumps(document("instanced")))
+    assert len(read_geometry(path, most_triangles=8).triangles) == 8
+    with pytest.raises(ValueError, match=r"node 0: got 4 triangles and more, expected at most 3"):
+        read_geometry(path, most_triangles=3)
 
 
 def test_a_missing_file_stays_an_os_error(folder):

@@ -171,7 +171,7 @@ def _array(path: Path, file: IO[bytes], size: int) -> np.ndarray:
         raise ValueError(f"{path}: got values of type {dtype}, expected real numbers")
     promised = dtype.itemsize
     for length in shape:  # in Python's integers, which do not overflow
-        promised *= max(length, 0)
+        promised *= length
     # Compared before anything is made: a header of 100 bytes may promise terabytes.
     if promised > size or min(shape, default=0) < 0:
         raise ValueError(f"{path}: cannot be read as .npy: got {size:,} bytes, expected {promised:,} of shape {shape}")

@@ -14,8 +14,8 @@ READ = frozenset(
 
 # Looks, sound, data about data, other shapes for the same triangles: a file may require them and is drawn the same.
 _HARMLESS_STARTS = (
-    "ADOBE_materials_", "EXT_lights_", "EXT_materials_", "EXT_texture_", "KHR_audio", "KHR_lights_", "KHR_materials_", "KHR_texture_",
-    "MSFT_packing_", "MSFT_texture_", "OMI_audio", "OMI_physics",
+    "ADOBE_materials_", "EXT_lights_", "EXT_materials_", "EXT_texture_", "KHR_audio", "KHR_lights_", "KHR_materials_",
+    "KHR_texture_", "MSFT_packing_", "MSFT_texture_", "OMI_audio", "OMI_physics",
 )  # fmt: skip
 _HARMLESS = frozenset(
     {
