@@ -81,6 +81,15 @@ KINDS = {
         exr("a.exr", {"A.Z": DEPTH.astype("f4"), "B.Z": 0 * DEPTH.astype("f4")}),
         {"channel": "A"},
     ),
+    "exr, depth beside normals": lambda: (
+        exr(
+            "a.exr",
+            {"Depth.Z": DEPTH.astype("f4")}
+            | {f"{kind}{c}": 0 * DEPTH.astype("f4") for kind in ("", "N.") for c in "XYZ"},
+        ),
+        {},
+    ),
+    "exr, a lone mask before the depth": lambda: (_parts(("A",)), {}),
     "exr, integers": lambda: (exr("a.exr", {"Z": (100 * DEPTH).astype("u4")}), {"scale": 0.01}),
     "exr, tiles": lambda: (_tiled(), {}),
     "exr, parts": lambda: (_parts(), {}),
@@ -98,11 +107,11 @@ def _tiled() -> Path:
     return exr("a.exr", {"Z": DEPTH.astype("f4")}, type=OpenEXR.tiledimage, tiles=tiles)
 
 
-def _parts() -> Path:
+def _parts(colours: tuple[str, ...] = ("R", "G", "B")) -> Path:
     OpenEXR = pytest.importorskip("OpenEXR")
     colour = np.zeros((3, 4), "f4")
     parts = [
-        OpenEXR.Part({"name": "beauty"}, {"R": colour, "G": colour, "B": colour}),
+        OpenEXR.Part({"name": "beauty"}, dict.fromkeys(colours, colour)),
         OpenEXR.Part({"name": "depth"}, {"Z": DEPTH.astype("f4")}),
         OpenEXR.Part({"name": "holdout"}, {"Z": colour + 1}),
     ]
@@ -352,6 +361,7 @@ BAD = {
         "got channels Z, expected 'W' among them",
     ),
     "two layers": (lambda: exr("a.exr", {"A.Z": NOISE, "B.Z": NOISE}), {}, "got channels A.Z, B.Z, expected a choice"),
+    "a normal": (lambda: exr("a.exr", {"X": NOISE, "Y": NOISE, "Z": NOISE}), {}, "got channels X, Y, Z, expected 'Z'"),
     "another part": (_parts, {"part": "x"}, "got part(s) 'beauty', 'depth', 'holdout', expected 'x' among them"),
     "part 7": (_parts, {"part": 7}, "got 3 part(s), expected one of index 7"),
     "a part without Z": (_parts, {"part": 0}, "got channels B, G, R, expected 'Z' among them"),

@@ -123,23 +123,26 @@ def _chosen(path: Path, headers: list[_Header], channel: str | None, part: int |
         if not asked:
             there = ", ".join(repr(header.name) for header in headers)
             raise ValueError(f"{path}: got part(s) {there}, expected {part!r} among them")
-    for index in asked:
-        found = _candidates(headers[index].channels, channel)
-        if len(found) > 1:
-            raise ValueError(f"{path}: got channels {', '.join(found)}, expected a choice among them")
-        if found:
-            return index, found[0]
+    # A lone channel is depth only if no part has a Z.
+    for lone in (False, True):
+        for index in asked:
+            found = _candidates(headers[index].channels, channel, lone)
+            if len(found) > 1:
+                raise ValueError(f"{path}: got channels {', '.join(found)}, expected a choice among them")
+            if found:
+                return index, found[0]
     names = list(dict.fromkeys(name for index in asked for name in headers[index].channels))
     raise ValueError(f"{path}: got channels {', '.join(names) or 'none'}, expected {channel or 'Z'!r} among them")
 
 
-def _candidates(names: list[str], channel: str | None) -> list[str]:
+def _candidates(names: list[str], channel: str | None, lone: bool) -> list[str]:
     if channel is not None:
         return [name for name in (channel, f"{channel}.Z") if name in names][:1]
-    if "Z" in names:
-        return ["Z"]
-    layers = [name for name in names if name.endswith(".Z")]
-    return layers or (names if len(names) == 1 else [])
+    if lone:
+        return names if len(names) == 1 else []
+    # Beside an X, Z is a component of a normal or a position.
+    depths = [name for name in names if name.split(".")[-1] == "Z" and f"{name[:-1]}X" not in names]
+    return ["Z"] if "Z" in depths else depths
 
 
 def _size(path: Path, key: str, corners: tuple[int, ...]) -> tuple[int, int, int, int]:
