@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from warpopt.scene_files.gltf import read_geometry, read_gltf_camera, read_light
+from warpopt.scene_files.rasterise import rasterise
 
 CASES = Path(__file__).parent / "cases"
 
@@ -234,6 +235,22 @@ def test_files_that_failed_are_read(folder):
     assert camera.far == np.inf
     assert camera.aspect is None
     np.testing.assert_allclose(camera.rotation[2], [0, -0.198997, -0.98], atol=1e-6)  # 11.5 degrees down
+
+
+def test_a_camera_without_far_sees_all(folder):
+    """Closed form: the ground y = 0 from -40 to 0 in z under the camera, up to where a ray ends beyond it."""
+    camera = read_gltf_camera(CASES / "poly_camera.gltf").scene_camera(1.5)
+    depth = rasterise(read_geometry(CASES / "poly_camera.gltf").triangles, camera, 60, 90)
+    across, up = camera.slopes(60, 90)
+    rays = np.stack([*np.broadcast_arrays(across, up[:, None], 1.0)], -1) @ camera.rotation
+    with np.errstate(divide="ignore"):
+        z = np.where(rays[..., 1] < 0, -3 / rays[..., 1], np.inf)
+    with np.errstate(invalid="ignore"):
+        x, back = z * rays[..., 0], 4 + z * rays[..., 2]
+    hit = np.isfinite(z) & (np.abs(x) < 20) & (back > -40) & (back < 0)
+    assert 0.2 < hit.mean() < 0.8
+    np.testing.assert_allclose(depth[hit], z[hit], rtol=1e-6)
+    assert (depth[~hit] > 0).mean() < 0.02  # the small quad ahead of z = 0, and edges
 
 
 def _seen(b: Builder) -> None:

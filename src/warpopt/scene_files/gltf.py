@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from .gltf_camera import GltfCamera, camera_of, light_of
-from .gltf_document import Document, GltfError
+from .gltf_document import Document
 from .gltf_geometry import GltfGeometry, GltfReport, geometry_of
+from .gltf_item import GltfError
 from .scene_camera import SceneCamera
 
 __all__ = ["GltfCamera", "GltfGeometry", "GltfReport", "read_camera", "read_geometry", "read_gltf_camera", "read_light"]

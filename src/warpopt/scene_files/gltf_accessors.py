@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from .gltf_document import Document, GltfError, Item
+from .gltf_document import Document
+from .gltf_item import GltfError, Item
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _TYPES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}

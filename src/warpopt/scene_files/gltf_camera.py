@@ -4,8 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from .gltf_document import Document, GltfError, Item
+from .gltf_document import Document
 from .gltf_extensions import check_extensions
+from .gltf_item import GltfError, Item
 from .gltf_nodes import Node, Nodes
 from .scene_camera import SceneCamera, centred_window, unit
 

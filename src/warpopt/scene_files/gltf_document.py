@@ -1,4 +1,4 @@
-"""A glTF file's JSON with every value checked as it is asked for, and the bytes that it refers to.
+"""A glTF file: its JSON, what refers to what, and the bytes of its buffers.
 
 The JSON is read as it is: pygltflib (1.16.5) turns 0.7 into the index 0, drops what it has no field for, and takes 70
 times as long.
@@ -6,115 +6,18 @@ times as long.
 
 import base64
 import binascii
-import dataclasses
 import json
-import math
 import struct
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote_to_bytes, urlsplit
 
-import numpy as np
+from .gltf_item import GltfError, Item, short
 
 _GLB_MAGIC = b"glTF"
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942  # "JSON", "BIN"
 _NOT_GLTF = "got a file that is not glTF, expected .gltf or .glb of version 2"
 _KINDS = {"bufferViews": "buffer view", "meshes": "mesh"}
-
-
-class GltfError(ValueError):
-    """A flaw in a file, told without the file's path."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Item:
-    """A JSON object of the file.
-
-    Attributes:
-        data: what the file says.
-        where: what it is, for messages.
-    """
-
-    data: dict[str, Any]
-    where: str
-
-    def __contains__(self, key: str) -> bool:
-        return key in self.data
-
-    def refused(self, key: str, expected: str) -> GltfError:
-        """That the value of `key` is not what was expected."""
-        if key not in self.data:
-            return GltfError(f"{self.where}: got no {key}, expected {expected}")
-        return GltfError(f"{self.where}: got {key} {_short(self.data[key])}, expected {expected}")
-
-    def integer(self, key: str, default: int | None = None, least: int = 0) -> int:
-        """An integer; `default` if it is missing, where None makes it required."""
-        if key not in self.data and default is not None:
-            return default
-        value = self.data.get(key)
-        whole = isinstance(value, float) and value.is_integer()  # JSON has one kind of number
-        if isinstance(value, bool) or not (isinstance(value, int) or whole) or not least <= value < 2**53:
-            raise self.refused(key, f"an integer from {least}")
-        return int(value)
-
-    def number(self, key: str, default: float | None = None) -> float:
-        """A finite number; `default` if it is missing, where None makes it required."""
-        if key not in self.data and default is not None:
-            return default
-        value = self.data.get(key)
-        if not _is_finite(value):
-            raise self.refused(key, "a finite number")
-        return float(value)
-
-    def numbers(self, key: str, default: list[float], count: int | None = None) -> np.ndarray:
-        """A list of finite numbers, `count` if that is given; `default` if it is missing."""
-        value = self.data.get(key, default)
-        count = len(default) if count is None else count
-        if not isinstance(value, list) or len(value) != count or not all(_is_finite(v) for v in value):
-            raise self.refused(key, f"{count} finite numbers")
-        return np.array(value, float)
-
-    def text(self, key: str) -> str:
-        """A text; empty if it is missing."""
-        value = self.data.get(key, "")
-        if not isinstance(value, str):
-            raise self.refused(key, "a text")
-        return value
-
-    def texts(self, key: str) -> list[str]:
-        """A list of texts; empty if it is missing."""
-        value = self.data.get(key, [])
-        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            raise self.refused(key, "a list of names")
-        return value
-
-    def flag(self, key: str, default: bool) -> bool:
-        """True or false."""
-        value = self.data.get(key, default)
-        if not isinstance(value, bool):
-            raise self.refused(key, "true or false")
-        return value
-
-    def child(self, key: str) -> "Item | None":
-        """The object of `key`; None if it is missing."""
-        if key not in self.data:
-            return None
-        if not isinstance(self.data[key], dict):
-            raise self.refused(key, "an object")
-        return Item(self.data[key], f"{self.where}, {key}")
-
-    def children(self, key: str, singular: str) -> "list[Item]":
-        """The objects of the list `key`; empty if it is missing."""
-        value = self.data.get(key, [])
-        if not isinstance(value, list) or not all(isinstance(v, dict) for v in value):
-            raise self.refused(key, "a list of objects")
-        return [Item(v, f"{self.where}, {singular} {i}") for i, v in enumerate(value)]
-
-    def extension(self, name: str) -> "Item | None":
-        """The object of an extension; None if there is none."""
-        extensions = self.child("extensions")
-        found = extensions.child(name) if extensions is not None else None
-        return Item(found.data, f"{self.where}, {name}") if found is not None else None
 
 
 class Document:
@@ -159,9 +62,9 @@ class Document:
         value = self.root.data[kind][index]
         singular = _KINDS.get(kind, kind[:-1])
         if not isinstance(value, dict):
-            raise GltfError(f"{singular} {index}: got {_short(value)}, expected an object")
+            raise GltfError(f"{singular} {index}: got {short(value)}, expected an object")
         name = value.get("name")
-        return Item(value, f"{singular} {index}" + (f" {_short(name)}" if isinstance(name, str) and name else ""))
+        return Item(value, f"{singular} {index}" + (f" {short(name)}" if isinstance(name, str) and name else ""))
 
     def index(self, item: Item, key: str, kind: str) -> int:
         """What `key` of an item refers to, checked.
@@ -279,14 +182,3 @@ def _data_uri(item: Item, uri: str) -> bytes:
         return base64.b64decode(unquote_to_bytes(payload) if "%" in payload else payload, validate=True)
     except (binascii.Error, ValueError):
         raise item.refused("uri", "valid base64") from None
-
-
-def _is_finite(value: Any) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return abs(value) < 1e300 if isinstance(value, int) else math.isfinite(value)
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value, ensure_ascii=False) if not isinstance(value, str) else repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."

@@ -3,7 +3,8 @@
 After the registry of KhronosGroup/glTF: ratified, multi-vendor and vendor extensions.
 """
 
-from .gltf_document import Document, GltfError
+from .gltf_document import Document
+from .gltf_item import GltfError
 
 READ = frozenset(
     {

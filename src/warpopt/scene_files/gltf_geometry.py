@@ -6,8 +6,9 @@ import fnmatch
 import numpy as np
 
 from .gltf_accessors import Accessors
-from .gltf_document import Document, GltfError, Item
+from .gltf_document import Document
 from .gltf_extensions import check_extensions
+from .gltf_item import GltfError, Item
 from .gltf_nodes import Node, Nodes, instances
 from .gltf_primitives import FAN, LINES, POINTS, TRIANGLES, Primitive, read_primitive, skinned, triangle_count
 

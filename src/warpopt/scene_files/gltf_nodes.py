@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 
 from .gltf_accessors import Accessors
-from .gltf_document import Document, GltfError, Item
+from .gltf_document import Document
+from .gltf_item import GltfError, Item
 
 _INSTANCED = "EXT_mesh_gpu_instancing"
 # A unit quaternion in signed bytes may be off by 1 %; twice the length is another thing.

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from .gltf_accessors import Accessors, real
-from .gltf_document import Document, GltfError, Item
+from .gltf_document import Document
+from .gltf_item import GltfError, Item
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 POINTS, LINES = 0, (1, 2, 3)
