@@ -239,6 +239,13 @@ def test_numbers_that_overflow_are_refused_with_their_node(folder):
     assert "node 1 'higher': mesh 0, primitive 0: got vertices that are NaN or infinite" in told(Path("bad.gltf"))
 
 
+def test_morph_weights_that_overflow_are_refused(folder):
+    data = document("morphed")
+    data["nodes"][1]["weights"] = [1e308, 0, 0]
+    Path("bad.gltf").write_text(json.dumps(data))
+    assert "node 1: mesh 0, primitive 0: got vertices that are NaN or infinite" in told(Path("bad.gltf"))
+
+
 def test_a_deep_tree_is_no_burden(folder):
     """A chain of nodes: neither recursion nor a list of names for each."""
     b = Builder()
