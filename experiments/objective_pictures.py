@@ -5,9 +5,10 @@ Every map shows the same pixels and light; only what was minimised differs. Erro
 
 import argparse
 import dataclasses
+import tomllib
 from pathlib import Path
 
-from warpopt.app.cli import prepare_jax
+from warpopt.app.common.jax_settings import prepare_jax
 
 prepare_jax()
 
@@ -16,12 +17,11 @@ import numpy as np
 from matplotlib.colors import LogNorm
 
 import warpopt
-from warpopt.app import figure_style as style
-from warpopt.app.config import read_config
-from warpopt.app.error_maps import Seen, errors, image_of
-from warpopt.app.scene_config import SceneConfig
-from warpopt.app.scene_input import read_scene
-from warpopt.app.scene_solve import Mapping, camera_of
+from warpopt.app.common import figure_style as style
+from warpopt.app.common.error_maps import Mapping, Seen, errors, image_of
+from warpopt.app.inputs.scene_files import read_scene
+from warpopt.app.inputs.scene_settings import SceneSettings
+from warpopt.app.inputs.scene_values import camera_of
 
 CONFIG = Path(__file__).parents[1] / "configs" / "landscape.toml"
 HOUR = 11.0
@@ -47,7 +47,8 @@ class View:
     """The landscape at one hour, and what any objective makes of it."""
 
     def __init__(self, short: bool):
-        config = read_config(CONFIG, [], SceneConfig)
+        tables = tomllib.loads(CONFIG.read_text(encoding="utf-8"))
+        config = SceneSettings.model_validate({name: table for name, table in tables.items() if name != "output"})
         scene = read_scene(config, CONFIG.parent)
         (step,) = [step for step in scene.steps if step.hour == HOUR]
         depth = scene.depths[0][::8, ::8] if short else scene.depths[0]
@@ -61,16 +62,7 @@ class View:
     def choice(self, title: str, metric="p", norm="inf", receivers=None, warped: bool = True) -> Choice:
         receivers = self.receivers if receivers is None else receivers
         found = warpopt.scene_warp(self.camera, self.light, receivers, metric, norm, **self.resolutions)
-        frame, footprint = found.frame, found.footprint
-        width, plain = (float(sum(footprint.half_widths(eta))) for eta in (found.warp.eta, 1.0))
-        mapping = Mapping(
-            *(np.asarray(v) for v in (frame.x_axis, frame.z_axis, frame.light)),
-            *(float(v) for v in (footprint.start, footprint.mu)),
-            (float(frame.density_p), float(frame.density_q)),
-            float(found.warp.eta),
-            width,
-            plain,
-        )
+        mapping = Mapping.of(found, *(sum(found.footprint.half_widths(eta)) for eta in (found.warp.eta, 1.0)))
         maps = {one: errors(mapping, self.seen, one, warped) for one in ("p", "q")}
         return Choice(title, float(found.warp.eta) if warped else 1.0, maps)
 

@@ -18,7 +18,7 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # workers have their parent's
         "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
     }
 
-from warpopt.app.cli import prepare_jax
+from warpopt.app.common.jax_settings import prepare_jax
 
 prepare_jax()
 

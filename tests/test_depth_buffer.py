@@ -4,10 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from warpopt.theory.error_norm import ErrorNorm
 
 import warpopt
 from warpopt.receivers import depth_buffer
-from warpopt.theory.error_norm import ErrorNorm
 
 LIGHT = warpopt.DirectionalLight((0.3, -1, -0.4))
 SHAPES = ((21, 83), (40, 53))  # of this file alone: compiled with few cells

@@ -15,9 +15,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from warpopt.app import cli, launcher, parts, sweep
-from warpopt.app.config import ConfigError, RunConfig, read_config
-from warpopt.app.job import Tiling, job_of
+from warpopt.app import cli
+from warpopt.app.common.settings import ConfigError, read_config
+from warpopt.app.frusta import block_files, solve
+from warpopt.app.frusta.problem import Tiling
+from warpopt.app.sweep import process_launcher as launcher
+from warpopt.app.sweep.settings import RunConfig
 
 CONFIG = """
 [view]
@@ -136,7 +139,7 @@ def test_truncated_edited_and_foreign_parts_are_computed_again(folder, monkeypat
     """In this process, with blocks kept on disk; the finished run's are saved from deletion to be spoilt."""
     small = ("--light.theta_deg.count", "300", "--compute.keep-blocks", "true")
     with monkeypatch.context() as patch:
-        patch.setattr(parts.Parts, "delete", lambda self: None)
+        patch.setattr(block_files.BlockFiles, "delete", lambda self: None)
         assert _invoke(*small) == 0
     before = tables(folder / "out")
     (kept,) = folder.glob(".out.*.parts")
@@ -153,8 +156,8 @@ def test_truncated_edited_and_foreign_parts_are_computed_again(folder, monkeypat
     files[6].unlink()
     (kept / "block-999999999.npz").write_bytes(b"foreign")
     written = []
-    original = parts.Parts.write
-    monkeypatch.setattr(parts.Parts, "write", lambda self, b, a: (written.append(b), original(self, b, a)))
+    original = block_files.BlockFiles.write
+    monkeypatch.setattr(block_files.BlockFiles, "write", lambda self, b, a: (written.append(b), original(self, b, a)))
     capsys.readouterr()
     assert _invoke(*small) == 0
     told = " ".join(capsys.readouterr().out.split())
@@ -172,15 +175,17 @@ def test_truncated_edited_and_foreign_parts_are_computed_again(folder, monkeypat
 
 
 def test_a_merge_refuses_a_missing_block(folder):
-    job = job_of(read_config(folder / "config.toml", []))
-    store = parts.Parts(folder / "parts", job, "cpu", {}, print)
-    with pytest.raises(sweep.Incomplete, match="200 of 200 blocks are not there, the first is 0"):
-        sweep.sweep_of(job, store, all_there=True)
+    problem = read_config(folder / "config.toml", [], RunConfig).problem()
+    store = block_files.BlockFiles(folder / "parts", problem, "cpu", {}, print)
+    with pytest.raises(solve.Incomplete, match="200 of 200 blocks are not there, the first is 0"):
+        solve.sweep_of(problem, store, all_there=True)
 
 
 def test_another_problem_block_size_or_compiler_has_another_folder(folder, monkeypatch):
     def name(*overrides: str) -> Path:
-        return parts.folder_of(Path("out"), job_of(read_config(folder / "config.toml", list(overrides))))
+        return block_files.folder_of(
+            Path("out"), read_config(folder / "config.toml", list(overrides), RunConfig).problem()
+        )
 
     monkeypatch.delenv("XLA_FLAGS", raising=False)
     first = name()
@@ -228,12 +233,12 @@ def test_tiles_cover_the_rectangle_once_and_have_one_shape(views, directions, si
 )
 def test_bad_values_are_refused_by_their_paths(folder, overrides, words):
     with pytest.raises(ConfigError, match=re.escape(words)):
-        read_config(folder / "config.toml", overrides)
+        read_config(folder / "config.toml", overrides, RunConfig)
 
 
 def test_the_section_is_optional(folder):
     (folder / "config.toml").write_text(CONFIG.split("[compute]")[0])
-    config = read_config(folder / "config.toml", [])
+    config = read_config(folder / "config.toml", [], RunConfig)
     assert isinstance(config, RunConfig)
     assert config.compute.processes == 1
 

@@ -14,11 +14,15 @@ import pytest
 
 import warpopt
 from warpopt.app import cli
-from warpopt.app.compare_config import check_modules, read_compare_config
-from warpopt.app.config import Problem, RunConfig, read_config, validated
-from warpopt.app.export_config import ExportRequest
-from warpopt.app.scene_config import SceneConfig
-from warpopt.app.table_config import TableConfig
+from warpopt.app.common.settings import read_config, validated
+from warpopt.app.compare.own_rules import check_modules
+from warpopt.app.compare.settings import read_compare_config
+from warpopt.app.export.request import ExportRequest
+from warpopt.app.one_view.settings import Problem
+from warpopt.app.scene.settings import SceneConfig
+from warpopt.app.sweep.settings import RunConfig
+from warpopt.app.table.settings import TableConfig
+from warpopt.rules import registry
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -110,7 +114,7 @@ def test_the_reference_says_what_the_docstrings_say():
 
 def test_every_public_name_has_an_example_that_runs():
     public = {name: getattr(warpopt, name) for name in warpopt.__all__ if name != "rules"}
-    public |= warpopt.rules.PUBLISHED | warpopt.rules.ENGINES
+    public |= {name: rule.function for name, rule in registry.EVERY.items()}
     assert [name for name, found in public.items() if ">>>" not in inspect.getdoc(found)] == []
 
 
@@ -162,12 +166,9 @@ def commands(page: Path) -> list[list[str]]:
     ("page", "words"),
     [pytest.param(p, w, id=f"{p.name}: {' '.join(w)}") for p in PAGES for w in commands(p)],
 )
-def test_command_lines_are_accepted(page, words, monkeypatch):
+def test_command_lines_are_accepted(page, words):
     """As far as the checks go that come before anything is computed."""
-    parsed = []
-    monkeypatch.setattr(cli, "_dispatch", lambda command, rest: parsed.append((command, rest)))
-    cli.main(words)
-    ((command, rest),) = parsed
+    command, rest = cli.parsed(words)
     models = {cli.Run: RunConfig, cli.Scene: SceneConfig, cli.Table: TableConfig}
     if type(command) in models:
         config = ROOT / command.config

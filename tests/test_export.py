@@ -66,7 +66,7 @@ def rows_of(rows: int, fovs: int) -> warpopt.LambdaTable:
     theta[..., -1] = np.pi / 2
     eta = ratios[:, None, None] ** -0.5 * (1 + np.cos(5 * theta) * phi) ** 2 + 0.01
     return warpopt.LambdaTable(
-        ratios, half_fovs, single(theta), single(eta), "p", "inf", "screen", np.inf, 1e-3, 9e-4, (1.0, 2.0, 0.5), "0"
+        ratios, half_fovs, single(theta), single(eta), warpopt.Objective(), np.inf, 1e-3, 9e-4, (1.0, 2.0, 0.5), "0"
     )
 
 
@@ -121,13 +121,14 @@ def test_a_built_table_over_one_axis_is_for_the_frusta_that_it_was_built_for(ran
     eta, lam = run_compiled(compiler, language.suffix, source(table, language), given, by_fov, tmp_path).T
     theta, near, far, half_fov = given.astype(float).T
     frustum = warpopt.ViewFrustum(near, far, half_fov if by_fov else np.pi / 6)
-    best = warpopt.optimal_warp(frustum, theta)
+    view = warpopt.FrustumView(frustum, theta)
+    best = warpopt.optimal_warp(view)
     for warp in (
-        warpopt.Warp.from_eta(eta.astype(float), 1.0),
-        warpopt.Warp.from_lam(np.where(lam > 3.3e38, np.inf, lam.astype(float)), best.warp.mu),
+        warpopt.Warp.from_eta(eta.astype(float), view),
+        warpopt.Warp.from_lam(np.where(lam > 3.3e38, np.inf, lam.astype(float)), view),
         table.warp(frustum, theta),
     ):
-        assert (warpopt.error_norm(frustum, theta, warp) / best.value - 1).max() <= 0.03 * (1 + 1e-4)
+        assert (warpopt.error_norm(view, warp) / best.value - 1).max() <= 0.03 * (1 + 1e-4)
 
 
 def frusta(count: int) -> np.ndarray:
@@ -151,9 +152,9 @@ def regret(given: np.ndarray, eta: np.ndarray, metric: str) -> np.ndarray:
     theta, near, far, phi = given.astype(float).T
     frustum = warpopt.ViewFrustum(near, far, phi)
     theta = np.minimum(theta, np.pi)
-    best = warpopt.optimal_warp(frustum, theta, metric, "inf").value
-    warp = warpopt.Warp.from_eta(eta.astype(float), 1.0)
-    return np.asarray(warpopt.error_norm(frustum, theta, warp, metric, "inf") / best - 1)
+    view, objective = warpopt.FrustumView(frustum, theta), warpopt.Objective(metric)
+    best = warpopt.optimal_warp(view, objective).value
+    return np.asarray(warpopt.error_norm(view, warpopt.Warp.from_eta(eta.astype(float), view), objective) / best - 1)
 
 
 def check_closed_form(given: np.ndarray, eta: np.ndarray, lam: np.ndarray, metric: str, eps: float) -> None:
@@ -166,7 +167,8 @@ def check_closed_form(given: np.ndarray, eta: np.ndarray, lam: np.ndarray, metri
     assert regret(given, eta, metric).max() < 12 * eps
     theta, near, far, phi = given.astype(float).T
     frustum = warpopt.ViewFrustum(near, far, phi)
-    warp = warpopt.optimal_warp(frustum, np.minimum(theta, np.pi), metric, "inf").warp
+    view = warpopt.FrustumView(frustum, np.minimum(theta, np.pi))
+    warp = warpopt.optimal_warp(view, warpopt.Objective(metric)).warp
     exact, exact_lam, rest = (np.asarray(v) for v in (warp.eta, warp.lam, warp.one_minus_eta))
     error = np.abs(eta / exact - 1)
     jumped = ((eta == 1) != (exact == 1)) if metric == "q" else np.zeros(len(eta), bool)

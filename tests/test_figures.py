@@ -8,17 +8,21 @@ import matplotlib
 import numpy as np
 import pytest
 
-from warpopt.app import figure_style, figures
-from warpopt.app.curve_figures import drawn_views, exits, no_warp_spans
-from warpopt.app.figures import (
+from warpopt.app.common import figure_style
+from warpopt.app.frusta.problem import View
+from warpopt.app.frusta.solve import OptimumCurves, RuleCurves, Sweep
+from warpopt.app.sweep import figures
+from warpopt.app.sweep.curve_figures import drawn_views, exits, no_warp_spans
+from warpopt.app.sweep.figures import (
     error_distribution_figure,
     focus_region_figure,
     lambda_figure,
     ratio_figure,
     write_figures,
 )
-from warpopt.app.frustum_figures import distributions, focus_region, fraction_text
-from warpopt.app.sweep import RULES, OptimumCurves, RuleCurves, Sweep, View
+from warpopt.app.sweep.frustum_figures import distributions, focus_region, fraction_text
+from warpopt.objective import Objective
+from warpopt.rules.registry import PUBLISHED
 
 jax.config.update("jax_enable_x64", True)
 
@@ -36,23 +40,22 @@ def synthetic_sweep(views=(PAPER,), context=(), theta_deg=None, metrics=("p", "q
         lam = np.where(theta_deg < rng.uniform(0, 30), np.inf, 10 ** rng.uniform(-3, 1, shape))
         return 1 / (1 + 1 / lam), lam, lam
 
-    rules = {name: RuleCurves(*curves(), rng.uniform(size=shape) > 0.1) for name in RULES}
+    rules = {name: RuleCurves(*curves(), rng.uniform(size=shape) > 0.1) for name in PUBLISHED}
     rules["ssm"] = RuleCurves(np.ones(shape), np.full(shape, np.inf), np.full(shape, np.inf), np.full(shape, True))
     optima = tuple(
         OptimumCurves(
             *curves(),
-            metric,
-            norm,
+            Objective(metric, norm),
             np.ones(shape),
             np.zeros(shape, int),
             np.zeros(shape),
-            {name: 10 ** rng.uniform(0, 2, shape) for name in RULES},
+            {name: 10 ** rng.uniform(0, 2, shape) for name in PUBLISHED},
             np.full(shape, np.nan),
         )
         for metric in metrics
         for norm in norms
     )
-    return Sweep(tuple(views), tuple(context), theta_deg, "screen", rules, optima)
+    return Sweep(tuple(views), tuple(context), theta_deg, rules, optima)
 
 
 def render(figure):

@@ -12,9 +12,9 @@ import scipy.optimize
 import twin
 from hypothesis import given, settings
 from twin import mp, mpf
+from warpopt.solve.body_limit import body_shares
 
 import warpopt
-from warpopt.solve.body_limit import body_shares
 from warpopt.theory.light_frame import LightFrame
 
 EPS = np.finfo(np.float64).eps

@@ -1,5 +1,9 @@
 """The published rules by what defines them, and the facts that their papers state."""
 
+import inspect
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,6 +12,8 @@ import scenes
 from twin import mp, mpf
 
 import warpopt
+from warpopt.compare import rule_set
+from warpopt.rules import registry
 
 EPS = np.finfo(np.float64).eps
 FRUSTUM, THETA = scenes.batch()
@@ -201,3 +207,21 @@ def test_rules_are_mirror_symmetric():
         here, there = rule(PAPER, theta), rule(PAPER, np.pi - theta)
         assert np.asarray(here.defined == there.defined).all()
         np.testing.assert_allclose(here.eta, there.eta, rtol=256 * EPS)
+
+
+def test_the_registry_is_read_without_jax():
+    code = "import sys, warpopt.rules; assert len(warpopt.rules.PUBLISHED) == 7; assert 'jax' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("rule", registry.EVERY.values(), ids=lambda rule: rule.name)
+def test_a_rule_of_the_registry_is_its_function_and_its_source_is_the_docstrings(rule):
+    assert rule.function is getattr(warpopt.rules, rule.name)
+    assert rule.function.__name__ == rule.name
+    assert rule.source in " ".join(inspect.getdoc(rule.function).split())
+
+
+def test_a_rule_of_the_registry_is_taken_as_its_name_is():
+    rule = registry.EVERY["tsm"]
+    assert rule_set.rule_set([rule]) == rule_set.rule_set("tsm") == {"tsm": warpopt.rules.tsm}
+    assert float(rule(PAPER, 1.0, kappa=0.4).eta) == float(warpopt.rules.tsm(PAPER, 1.0, kappa=0.4).eta)

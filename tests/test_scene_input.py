@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from scene_cases import BOX, CAMERA, HEIGHT, WIDTH, gltf, ground, invoke, run, toml
 
-from warpopt.app.config import read_config
-from warpopt.app.light_path import light_path
-from warpopt.app.scene_config import LightConfig, SceneConfig
-from warpopt.app.scene_input import read_scene
+from warpopt.app.common.settings import read_config
+from warpopt.app.inputs.light_path import light_path
+from warpopt.app.inputs.scene_files import read_scene
+from warpopt.app.inputs.scene_settings import SceneLight
+from warpopt.app.scene.settings import SceneConfig
 from warpopt.scene_files.gltf import read_camera, read_triangles
 from warpopt.scene_files.rasterise import rasterise
 from warpopt.scene_files.scene_camera import SceneCamera, orientation
@@ -78,13 +79,13 @@ def test_what_hangs_on_a_camera_is_read(folder):
 def test_the_sun_over_a_day():
     """Closed forms: noon's elevation is 90 - latitude + declination; at the equinox it rises in the east at six."""
     path = {"latitude_deg": 48.0, "declination_deg": 0.0, "start_hour": 3, "stop_hour": 12, "count": 4}
-    steps, lights = light_path(LightConfig.model_validate({"path": path}), "right")
+    steps, lights = light_path(SceneLight.model_validate({"path": path}), "right")
     assert [s.light for s in steps] == [None, None, 0, 1]  # at six it is on the horizon
     assert steps[-1].elevation_deg == pytest.approx(42.0)
     # North is -z, so east is +x, and the noon sun in the south shines to the north.
     assert lights[0][0] < 0
     np.testing.assert_allclose(lights[1], [0, -np.sin(np.deg2rad(42)), -np.cos(np.deg2rad(42))], atol=1e-12)
-    _, mirrored = light_path(LightConfig.model_validate({"path": path}), "left")
+    _, mirrored = light_path(SceneLight.model_validate({"path": path}), "left")
     assert mirrored[0][0] == -lights[0][0]
 
 

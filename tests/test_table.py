@@ -4,15 +4,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
-import warpopt
-from warpopt import LambdaTable, build_table
-from warpopt.table.files import TableFileError
 from warpopt.table.heights import best_heights
 from warpopt.table.polyline import fewest_knots
 from warpopt.table.slope import least_of_all
 from warpopt.table.tube import Objective, Tube, tube
 from warpopt.table.verify import Ranges
+
+import warpopt
+from warpopt import LambdaTable, build_table
+from warpopt.table.files import TableFileError
 
 FRUSTUM = warpopt.ViewFrustum(1.0, 100.0, np.pi / 6)
 

@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
@@ -73,3 +74,9 @@ def staged(function, *args):
     return jax.lax.cond(
         never, lambda *_: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes), compiled_once, *args
     )
+
+
+def unit_nodes(count: int, dtype) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss-Legendre nodes and weights on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return ((1 + nodes) / 2).astype(dtype), (weights / 2).astype(dtype)

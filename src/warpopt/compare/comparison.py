@@ -1,34 +1,26 @@
-"""Every rule beside the optimum and the limit, over the light directions of one view frustum."""
+"""Rules beside the optimum and the lower bound, as arrays."""
 
 import dataclasses
 from typing import Literal, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from ..solve.limit import limit, unknown_limit
-from ..solve.optimal_warp import Solution, compare_warps
-from ..solve.outcome import Outcome
-from ..solve.scene_warp import SceneSolution
-from ..theory.error_norm import ErrorNorm, Metric
-from ..theory.frustum import ViewFrustum
-from ..theory.light_space import checked_theta
-from ..theory.warp import Warp
-from .peaks import Peak, first_largest, peaks
-from .regions import Interval, regions
-from .rule_set import Rules, rule_set, warps_of
+from ..solve.outcome import failed
+from ..solve.solution import SceneSolution, Solution
+from .peaks import Peak, first_largest
+from .regions import Interval
 
-Over = Literal["optimum", "limit", "no_warp"]
+Over = Literal["optimum", "bound", "no_warp"]
 
 
 class Worst(NamedTuple):
     """Where a rule loses most.
 
     Attributes:
-        ratio: value over optimum, limit, or no warp's; inf if it grows without bound towards theta, NaN if nowhere
-            defined.
+        ratio: value over optimum, lower bound, or no warp's; inf if it grows without bound towards theta, NaN if
+            nowhere defined.
         theta: angle between light and view, radians.
         index: of the direction nearest to it among `Comparison.theta`; -1 if nowhere.
     """
@@ -46,8 +38,8 @@ class Comparison:
         names: of the rules.
         theta: (T,) angle between light and view, radians.
         solution: the optima, (T,).
-        limit: (T,) the least norm that any map of the depth reaches; None where no limit is known.
-        no_limit_because: in words, why there is none; None if there is.
+        bound: (T,) the least norm that any map of the depth reaches; None where no lower bound is known.
+        no_bound_because: in words, why there is none; None if there is.
         eta: (R, T) of each rule's warp; 1 where it gives no warp, or is not defined.
         defined: (R, T) False where a rule yields no lambda > 0.
         values: (R, T) each rule's norm; NaN where it is not defined, or the optimum failed.
@@ -55,15 +47,15 @@ class Comparison:
         regions: for directions in order, {"worse", "no_warp", "undefined"}: for each rule the intervals of theta
             (radians, ends bisected) in which it is worse than no warp, gives no warp, or is not defined. None where
             the directions are those of a list.
-        peaks: for directions in order, {"optimum", "limit", "no_warp"}: for each rule (the largest of its norm over
-            the optimum, the limit and no warp's, where), found between the directions too; see `worst`. None for a
-            list.
+        peaks: for directions in order, {"optimum", "bound", "no_warp"}: for each rule (the largest of its norm over
+            the optimum, the lower bound and no warp's, where), found between the directions too; see `worst`. None
+            for a list.
 
     Example:
         >>> import math, warpopt
         >>> frustum = warpopt.ViewFrustum(near=1.0, far=100.0, half_fov=math.radians(30.0))
-        >>> theta = [math.radians(degrees) for degrees in (1.0, 30.0, 60.0, 90.0)]
-        >>> comparison = warpopt.compare_rules(frustum, theta, ["lispsm", "tsm"])
+        >>> view = warpopt.FrustumView(frustum, [math.radians(degrees) for degrees in (1.0, 30.0, 60.0, 90.0)])
+        >>> comparison = warpopt.compare_rules(view, ["lispsm", "tsm"])
         >>> comparison.ranking(), comparison.complete("tsm"), comparison.ratio.round(2)[0].tolist()
         (['lispsm', 'tsm'], True, [1.0, 1.79, 1.04, 1.0])
     """
@@ -71,8 +63,8 @@ class Comparison:
     names: tuple[str, ...]
     theta: NDArray
     solution: Solution | SceneSolution
-    limit: NDArray | None
-    no_limit_because: str | None
+    bound: NDArray | None
+    no_bound_because: str | None
     eta: NDArray
     defined: NDArray
     values: NDArray
@@ -83,47 +75,47 @@ class Comparison:
     @property
     def ratio(self) -> NDArray:
         """(R, T) value / optimum, at least 1 up to rounding."""
-        return _quotient(self.values, self.solution.value)
+        return quotient(self.values, self.solution.value)
 
     @property
-    def over_limit(self) -> NDArray | None:
-        """(R, T) value / limit."""
-        return None if self.limit is None else _quotient(self.values, self.limit)
+    def over_bound(self) -> NDArray | None:
+        """(R, T) value / lower bound."""
+        return None if self.bound is None else quotient(self.values, self.bound)
 
     @property
-    def optimum_over_limit(self) -> NDArray:
-        """(T,) optimum / limit, at least 1 but for maps over bins (`scene_limit`); NaN where there is no limit."""
+    def optimum_over_bound(self) -> NDArray:
+        """(T,) optimum / lower bound, at least 1 but for maps over bins; NaN where no bound is known."""
         value = np.asarray(self.solution.value)
-        return np.full_like(value, np.nan) if self.limit is None else _quotient(value, self.limit)
+        return np.full_like(value, np.nan) if self.bound is None else quotient(value, self.bound)
 
     @property
     def over_no_warp(self) -> NDArray:
         """(R, T) value / the norm without a warp."""
-        return _quotient(self.values, self.unwarped)
+        return quotient(self.values, self.unwarped)
 
     @property
     def unwarped_ratio(self) -> NDArray:
         """(T,) the norm without a warp over the optimum."""
-        return _quotient(self.unwarped, self.solution.value)
+        return quotient(self.unwarped, self.solution.value)
 
     @property
     def worse(self) -> NDArray:
         """(R, T) where a rule is worse than no warp."""
-        return _worse(self.values, self.unwarped)
+        return worse_than(self.values, self.unwarped)
 
     @property
     def failed(self) -> NDArray:
         """(T,) where the optimum was not found."""
-        return np.asarray(self.solution.result) > Outcome.empty
+        return failed(np.asarray(self.solution.result))
 
     def worst(self, name: str, over: Over = "optimum") -> Worst:
-        """The largest value / optimum, value / limit or value / no warp's, where the rule is defined.
+        """The largest value / optimum, value / bound or value / no warp's, where the rule is defined.
 
         Of directions in order between them as well: kinks, jumps and poles are found to about 1e-10 of a step if a
         direction beside them has the largest ratio, or if they are where the rule begins or ends to be defined. Of
         places that are alike to rounding the first.
         """
-        ratios = {"optimum": self.ratio, "limit": self.over_limit, "no_warp": self.over_no_warp}[over]
+        ratios = {"optimum": self.ratio, "bound": self.over_bound, "no_warp": self.over_no_warp}[over]
         ratio = np.full(1, np.nan) if ratios is None else ratios[self.names.index(name)]
         if np.isnan(ratio).all():
             return Worst(float("nan"), float("nan"), -1)
@@ -166,94 +158,12 @@ class Comparison:
         return tuple(np.nan_to_num((self.mean(name), self.worst(name).ratio), nan=np.inf).tolist())
 
 
-def compare_rules(
-    frustum: ViewFrustum,
-    theta: ArrayLike,
-    rules: Rules = None,
-    metric: str | Metric = "p",
-    norm: str | float = "inf",
-    measure: str = "screen",
-) -> Comparison:
-    """Rules for lambda beside the optimum and the limit, against theta.
-
-    Args:
-        frustum: one view frustum.
-        theta: (T,) increasing angles between light and view direction, radians in [0, pi].
-        rules: a name of `rules.PUBLISHED` or `rules.ENGINES`, a callable (frustum, theta) -> Warp, a list of
-            these, or a dict that gives them names; every published and engine rule if None. A callable is given theta
-            of shape (T,), or, if it raises a TypeError or a ValueError at that, one angle at a time, which is slower.
-        metric, norm, measure: as in `optimal_warp`.
-
-    Raises:
-        ValueError: bad arguments; a rule that is unknown, raises, or returns no `Warp` of theta's shape with eta in
-            (0, 1] (`RuleError`). Failed solves are told by `solution.result`.
-
-    Example:
-        >>> import math, warpopt
-        >>> frustum = warpopt.ViewFrustum(near=1.0, far=100.0, half_fov=math.radians(30.0))
-        >>> theta = [math.radians(degrees) for degrees in (1.0, 30.0, 60.0, 90.0)]
-        >>> comparison = compare_rules(frustum, theta, ["lispsm", "tsm"])
-        >>> worst = comparison.worst("lispsm")
-        >>> round(worst.ratio, 2), round(math.degrees(worst.theta), 1)
-        (1.79, 30.0)
-        >>> [[round(math.degrees(end), 2) for end in ends] for ends in comparison.regions["worse"]["lispsm"]]
-        [[1.0, 7.13]]
-    """
-    reason = no_limit_because(ErrorNorm.of(metric, norm, measure))
-    compared = rule_set(rules)
-    if frustum.near.shape:
-        raise ValueError(f"frustum: got shape {frustum.near.shape}, expected one")
-    theta = checked_theta(theta, frustum)
-    if theta.ndim != 1 or not theta.size or (np.diff(theta) <= 0).any():
-        raise ValueError(f"theta: got {theta}, expected a list of increasing angles")
-
-    def evaluate(theta):
-        theta = jnp.asarray(theta)
-        eta, defined = warps_of(compared, frustum, theta)
-        every = jnp.concatenate([eta, jnp.ones_like(theta)[None]])
-        warps = Warp(every, 1 - every, theta, jnp.ones((), bool))  # norms depend on eta alone
-        solution, values = compare_warps(frustum, theta, warps, metric, norm, measure)
-        bad = np.asarray(solution.result) > Outcome.empty
-        values = np.where(bad, np.nan, values)
-        return solution, *map(np.asarray, (eta, defined)), np.where(defined, values[:-1], np.nan), values[-1]
-
-    def least(theta) -> NDArray | None:
-        return None if reason else np.asarray(limit(frustum, theta, metric, norm, measure))
-
-    def conditions(theta, evaluated=None) -> NDArray:
-        _, eta, defined, values, unwarped = evaluated or evaluate(theta)
-        return np.concatenate([_worse(values, unwarped), defined & (eta == 1), ~defined])
-
-    def ratios(theta, evaluated=None) -> NDArray:
-        solution, _, _, values, unwarped = evaluated or evaluate(theta)
-        over = {"optimum": solution.value, "no_warp": unwarped, "limit": least(theta)}
-        return np.concatenate([_quotient(values, over[kind]) for kind in kinds])
-
-    def of_each(kinds, rows) -> dict:
-        each = len(compared)
-        return {kind: dict(zip(compared, rows[i * each :][:each], strict=True)) for i, kind in enumerate(kinds)}
-
-    at, evaluated = np.asarray(theta), evaluate(theta)
-    intervals = of_each(("worse", "no_warp", "undefined"), regions(at, conditions(at, evaluated), conditions))
-    kinds = ("optimum", "no_warp") if reason else ("optimum", "no_warp", "limit")
-    largest = of_each(kinds, peaks(at, ratios(at, evaluated), ratios))
-    solution, eta, defined, values, unwarped = evaluated
-    names = tuple(compared)
-    return Comparison(names, at, solution, least(at), reason, eta, defined, values, unwarped, intervals, largest)
-
-
-def no_limit_because(norm: ErrorNorm) -> str | None:
-    """In words, why no limit is known for this norm; None if one is."""
-    unknown = unknown_limit(norm)
-    return unknown and f"No limit is known for {unknown}."
-
-
-def _worse(values: NDArray, unwarped: NDArray) -> NDArray:
+def worse_than(values: NDArray, unwarped: NDArray) -> NDArray:
     """Norms are within a few hundred eps of exact (moments of extreme frusta included): less apart is equal."""
     return values > unwarped * (1 + 1e3 * np.finfo(values.dtype).eps)
 
 
-def _quotient(values: NDArray, over: ArrayLike) -> NDArray:
+def quotient(values: NDArray, over: ArrayLike) -> NDArray:
     """values / over; NaN where there is nothing to compare with (an empty scene, receivers at one depth)."""
     over = np.asarray(over)
     return np.where(over > 0, values / np.where(over > 0, over, 1), np.nan)

@@ -3,18 +3,21 @@
 import functools
 from collections.abc import Callable, Mapping, Sequence
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .. import rules as every
-from ..theory.frustum import ViewFrustum
+from ..rules import registry
+from ..solve.chunks import in_blocks, in_chunks
+from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
+from ..views import FrustumView
 
 Rule = Callable[[ViewFrustum, Array], Warp]
 Rules = None | str | Rule | Sequence[str | Rule] | Mapping[str, str | Rule]
-KNOWN: dict[str, Rule] = every.PUBLISHED | every.ENGINES
+KNOWN: dict[str, Rule] = {name: rule.function for name, rule in registry.EVERY.items()}
 
 
 class RuleError(ValueError):
@@ -45,6 +48,8 @@ def rule_set(rules: Rules) -> dict[str, Rule]:
 
 
 def _name(rule: Rule) -> str:
+    if isinstance(rule, registry.Rule):
+        return rule.name
     return getattr(rule, "__name__", type(rule).__name__)
 
 
@@ -53,13 +58,20 @@ def _rule(rule: str | Rule) -> Rule:
         if rule not in KNOWN:
             raise RuleError(f"rules: got {rule!r}, expected a callable or one of {', '.join(KNOWN)}")
         return KNOWN[rule]
+    if isinstance(rule, registry.Rule):
+        return rule.function
     if not callable(rule):
         raise RuleError(f"rules: got {rule!r}, expected a name or a callable (frustum, theta) -> warpopt.Warp")
     return rule
 
 
-def warps_of(rules: Mapping[str, Rule], frustum: ViewFrustum, theta: Array) -> tuple[Array, Array]:
-    """(eta, defined) of every rule over all directions, of shape (rules, directions).
+def takes_body(name: str, rule: Rule) -> bool:
+    """Whether a rule is one of warpopt's that may be given a `Body` in the place of a frustum."""
+    return KNOWN.get(name) is rule and registry.EVERY[name].takes_body
+
+
+def warps_of(rules: Mapping[str, Rule], view: FrustumView) -> tuple[Array, Array]:
+    """(eta, defined) over V of every rule over all directions, of shape (rules, directions).
 
     warpopt's own rules are one compiled call. Others are called as they are, on concrete arrays, so that they may
     branch, print, or use NumPy; those that an array is too much for (`math.sin`, an `if`), with one angle at a time.
@@ -68,32 +80,52 @@ def warps_of(rules: Mapping[str, Rule], frustum: ViewFrustum, theta: Array) -> t
         RuleError: a rule that raises, returns no `Warp`, one of another shape than theta's, or an eta that is none.
     """
     own = tuple(name for name, rule in rules.items() if KNOWN.get(name) is rule)
-    compiled = dict(zip(own, _own(frustum, theta, own), strict=True))
-    warps = [compiled[name] if name in compiled else _called(name, rule, frustum, theta)
-             for name, rule in rules.items()]  # fmt: skip
-    return tuple(jnp.stack([jnp.asarray(field) for field in fields]) for fields in zip(*warps, strict=True))
+    compiled = dict(zip(own, in_blocks(_own, (view,), own), strict=True))
+    found = []
+    for name, rule in rules.items():
+        if name in compiled:
+            found.append(compiled[name])
+        else:
+            warp = _called(name, rule, view).over(view)
+            found.append((jnp.where(jnp.isnan(warp.eta), 1, warp.eta), warp.defined))
+    return tuple(jnp.stack(fields) for fields in zip(*found, strict=True))
+
+
+def warps_over(rules: Mapping[str, Rule], view: FrustumView) -> Warp:
+    """The warps (rules,) of rules that are given V, for one direction; raises as `warps_of`."""
+    every = eqx.tree_at(lambda v: v.theta, view, view.theta[None])
+    return stacked([jax.tree.map(lambda v: jnp.asarray(v)[0], _called(*rule, every)) for rule in rules.items()])
+
+
+def stacked(warps: Sequence[Warp]) -> Warp:
+    """Warps of one shape, with a leading axis."""
+    return jax.tree.map(lambda *fields: jnp.stack(fields), *warps)
 
 
 @functools.partial(jax.jit, static_argnames=("names",))
-def _own(frustum: ViewFrustum, theta: Array, names: tuple[str, ...]) -> list[tuple[Array, Array]]:
-    warps = [KNOWN[name](frustum, theta) for name in names]
-    shape = jnp.broadcast_shapes(frustum.near.shape, theta.shape)
-    return [tuple(jnp.broadcast_to(field, shape) for field in (warp.eta, warp.defined)) for warp in warps]
+def _own(view: FrustumView, names: tuple[str, ...]) -> list[tuple[Array, Array]]:
+    return in_chunks(_own_chunk, (view,), names)
 
 
-def _called(name: str, rule: Rule, frustum: ViewFrustum, theta: Array) -> tuple[np.ndarray, np.ndarray]:
+def _own_chunk(view: FrustumView, names: tuple[str, ...]) -> list[tuple[Array, Array]]:
+    warps = [KNOWN[name](view.frustum, view.theta) for name in names]
+    return [(warp.eta, warp.defined) for warp in warps]
+
+
+def _called(name: str, rule: Rule, view: FrustumView) -> Warp:
+    """The rule's warp, of theta's shape; no warp where it is not defined."""
     try:
-        return _checked(name, rule, frustum, theta)
+        return _checked(name, rule, view.frustum, view.theta)
     except RuleError as error:
         # what Python says of an array where it wants a number, and NumPy and JAX where it wants a truth value
         if not isinstance(error.__cause__, TypeError | ValueError):
             raise
-    distinct, places = np.unique(np.asarray(theta), return_inverse=True)  # `at_points` repeats one to fill its array
-    each = [_checked(name, rule, frustum, jnp.asarray(one)) for one in distinct]
-    return tuple(np.stack(field)[places] for field in zip(*each, strict=True))
+    distinct, places = np.unique(np.asarray(view.theta), return_inverse=True)  # `at_points` repeats one to fill up
+    each = stacked([_checked(name, rule, view.frustum, jnp.asarray(one)) for one in distinct])
+    return jax.tree.map(lambda v: v[places], each)
 
 
-def _checked(name: str, rule: Rule, frustum: ViewFrustum, theta: Array) -> tuple[np.ndarray, np.ndarray]:
+def _checked(name: str, rule: Rule, frustum: ViewFrustum, theta: Array) -> Warp:
     try:
         warp = rule(frustum, theta)
     except Exception as error:  # whatever a stranger's function may raise
@@ -103,12 +135,12 @@ def _checked(name: str, rule: Rule, frustum: ViewFrustum, theta: Array) -> tuple
         ) from error
     if not isinstance(warp, Warp):
         raise RuleError(f"rule {name}: got {type(warp).__name__} from it, expected a warpopt.Warp")
-    eta, defined = np.asarray(warp.eta), np.asarray(warp.defined)
+    fields = [np.asarray(v) for v in (warp.eta, warp.one_minus_eta, warp.start, warp.mu, warp.defined)]
     try:
-        eta, defined = np.broadcast_to(eta, theta.shape), np.broadcast_to(defined, theta.shape)
+        eta, rest, start, mu, defined = (np.broadcast_to(field, theta.shape) for field in fields)
     except ValueError:
         raise RuleError(
-            f"rule {name}: got a warp of shape {np.broadcast_shapes(eta.shape, defined.shape)} from it, expected "
+            f"rule {name}: got a warp of shape {np.broadcast_shapes(*(f.shape for f in fields))} from it, expected "
             f"theta's {theta.shape}"
         ) from None
     bad = defined & ~((eta > 0) & (eta <= 1))
@@ -118,4 +150,5 @@ def _checked(name: str, rule: Rule, frustum: ViewFrustum, theta: Array) -> tuple
             f"rule {name}: got eta = {eta[bad].flat[0]:g} from it at theta = {at:g} degrees, expected a number in (0, "
             "1] (or `Warp.defined` False)"
         )
-    return np.where(defined, eta, 1).astype(theta.dtype), defined
+    eta, rest = np.where(defined, eta, 1), np.where(defined, rest, 0)
+    return Warp(*(jnp.asarray(v, theta.dtype) for v in (eta, rest, start, mu)), jnp.asarray(defined))

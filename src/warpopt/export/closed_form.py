@@ -1,6 +1,6 @@
 """The exact L-inf optimum over the whole frustum as code: no table, any frustum, theta's whole range.
 
-`solve.supremum` in single precision, its terms simplified for each metric. All give lambda/mu, which grows from 0 to
+`solve.closed_form` in single precision, its terms simplified for each metric. All give lambda/mu, which grows from 0 to
 the largest float, no warp; eta and lambda follow without a difference.
 """
 
@@ -102,8 +102,8 @@ _PARAMETERS = ("theta", "z_near", "z_far", "half_fov")
 def closed_form_source(metric: Metric, language: Language, prefix: str = "warpopt") -> str:
     """The whole file: `warpopt_lambda_over_mu`, `warpopt_eta` and `warpopt_lambda` of (theta, z_near, z_far, half_fov).
 
-    Optimal for the largest E_p, E_q or E_pxq over the view frustum (derived for this project; `solve.supremum`). NaN,
-    and what is no frustum, give no warp.
+    Optimal for the largest E_p, E_q or E_pxq over the view frustum (derived for this project; `solve.closed_form`).
+    NaN, and what is no frustum, give no warp.
 
     Args:
         language: one of `languages.LANGUAGES`.

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..table.files import encoded
 from ..table.lambda_table import LambdaTable
 from .languages import Language
 from .program import ETA_NOTE, HOW_TO, LAMBDA_NOTE, NO_WARP, Function, Program, text_of
@@ -39,7 +38,7 @@ if (x > $HALF_PI) { x = ($PI - x) + $PI_REST; }
 
 
 def _mixed(axes: list[str], of: Callable[[str], str], name: str, row: str = "") -> tuple[str, str]:
-    """(statements, expression): linear between the rows' values, axis by axis, nested as in `look_up`.
+    """(statements, expression): linear between the rows' values, axis by axis, nested as in `lookup`.
 
     Args:
         of: the start of an index, which is the row's first knot, to a value's expression.
@@ -186,7 +185,7 @@ def source(table: LambdaTable, language: Language, prefix: str = "warpopt") -> s
 def _notes(table: LambdaTable) -> list[str]:
     # All that made the table, in the words of its configuration, and its identity: no file name, which may change.
     first, last = (math.degrees(table.theta[0, 0, k]) for k in (0, -1))
-    digest = hashlib.sha256(encoded(table, "table.json")).hexdigest()
+    digest = hashlib.sha256(table.encoded("table.json")).hexdigest()
     ratio, half_fov = (
         f"{axis[0]:.9g}" + (f" to {axis[-1]:.9g} ({len(axis)} rows)" if len(axis) > 1 else "")
         for axis in (table.depth_ratio, table.half_fov * (180 / math.pi))
@@ -195,7 +194,7 @@ def _notes(table: LambdaTable) -> list[str]:
     bound = "" if math.isinf(table.max_slope) else f" |d log(eta) / d theta| <= {table.max_slope:.9g}."
     return [
         f"Optimal shadow-map warp, warpopt {table.version}. Generated; do not edit.",
-        f"E_{table.metric}, norm {table.norm}, measure {table.measure}; far/near = {ratio},"
+        f"{table.objective.title}, measure {table.objective.measure}; far/near = {ratio},"
         f" half field of view {half_fov} degrees.{bound}",
         f"Regret promised {table.promised:g}, achieved {table.achieved:.6g} (at theta = {theta:.9g}, far/near ="
         f" {worst_ratio:.6g}, half field of view {math.degrees(worst_fov):.6g} degrees).",

@@ -1,9 +1,7 @@
 """A convex body as receivers: what of a scene's bounding box, or of any convex polytope, lies in the view frustum."""
 
 import functools
-import itertools
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,57 +9,59 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from .._checks import checked, float_arrays
+from .._numerics import unit_nodes
+from ..objective import DENSITY_EXPONENT, Objective
 from ..theory.camera import Camera
-from ..theory.error_norm import DENSITY_EXPONENT, ErrorNorm, Measure
 from ..theory.light_frame import LightFrame
+from .bins import extent_of, from_groups, singles
 from .footprint import Footprint
-from .groups import from_groups, singles
-from .whole_frustum import binomial_moments, unit_nodes
+from .moments import binomial_moments
+from .polytope import clipped, thickened, vertices_of
+from .profiles.hulls import BodyProfile
+from .profiles.slices import Solid
+from .receivers import Receivers
 
 _DEPTH_NODES = 24  # in log z on each piece: to 1e-14 for z ratios up to 1e4, 40 would serve 1e12
 
 
-class ConvexBody(eqx.Module):
+class ConvexBody(Receivers):
     """The intersection body B of SC sec. 4.1: the view frustum clipped by half-spaces, such as a scene's box.
 
-    The camera may be inside, outside or partly inside; a body behind it, or empty, or thinner than rounding, is none of
+    The camera may be inside, outside or partly inside; a body behind it, or empty, or thinner than rounding, is not
     an error. L-inf norms use B's vertices. L_P norms integrate over B, slice by slice in log z between the depths of
     its vertices, each slice a polygon integrated exactly; 24 Gauss nodes a piece leave 1e-13 at f/n = 1e8. A body
     flatter than sqrt(eps) of its size is integrated as if it were that thick, which moves eta by as much.
 
     Args:
         planes: (K, 4) world half-spaces normal . p + offset >= 0; normals of any length but zero.
-        measure: "volume", "screen", "log_depth" or "ground".
 
     Raises:
         ValueError: for a wrong shape, a zero normal or values that are not finite.
 
     Example:
         >>> import warpopt
-        >>> body = warpopt.ConvexBody.box((-10, 0, -60), (10, 5, -20))
+        >>> body = ConvexBody.box((-10, 0, -60), (10, 5, -20))
         >>> camera = warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=1000.0, half_fov=0.4)
-        >>> solution = warpopt.scene_warp(camera, warpopt.DirectionalLight((0.3, -1, -0.2)), body)
-        >>> round(float(solution.warp.mu), 3)
+        >>> view = warpopt.SceneView(camera, warpopt.DirectionalLight((0.3, -1, -0.2)), body)
+        >>> round(float(warpopt.optimal_warp(view).warp.mu), 3)
         41.184
     """
 
-    planes: Float[Array, "K 4"]
-    measure: Measure = eqx.field(static=True, default="screen")
+    measures = ("screen", "volume", "log_depth", "ground")
 
-    def __init__(self, planes: ArrayLike, measure: Measure = "screen"):
+    planes: Float[Array, "K 4"]
+
+    def __init__(self, planes: ArrayLike):
         (planes,) = float_arrays(planes=planes)
         if planes.ndim != 2 or planes.shape[1] != 4:
             raise ValueError(f"planes: got shape {planes.shape}, expected (K, 4)")
-        if measure not in DENSITY_EXPONENT:
-            raise ValueError(f"measure: got {measure!r}, expected one of {', '.join(map(repr, DENSITY_EXPONENT))}")
         planes = checked("planes", planes, lambda p: jnp.isfinite(p), "finite numbers")
         largest = jnp.abs(planes[:, :3]).max(1)  # first, so that no square over- or underflows
         planes = planes / checked("planes", largest, lambda v: v > 0, "normals that are not zero")[:, None]
         self.planes = planes / jnp.sqrt((planes[:, :3] ** 2).sum(1))[:, None]
-        self.measure = measure
 
     @classmethod
-    def box(cls, lower: ArrayLike, upper: ArrayLike, measure: Measure = "screen") -> "ConvexBody":
+    def box(cls, lower: ArrayLike, upper: ArrayLike) -> "ConvexBody":
         """The axis-parallel box between two world points (3,), which may be infinite.
 
         A box with lower > upper anywhere, such as the bounds of no objects (inf to -inf), is empty.
@@ -78,18 +78,28 @@ class ConvexBody(eqx.Module):
         reach = float(jnp.finfo(lower.dtype).max) ** 0.25
         lower, upper = (jnp.clip(value, -reach, reach) for value in (lower, upper))
         eye = jnp.eye(3, dtype=lower.dtype)
-        return cls(jnp.concatenate([jnp.c_[eye, -lower], jnp.c_[-eye, upper]]), measure)
+        return cls(jnp.concatenate([jnp.c_[eye, -lower], jnp.c_[-eye, upper]]))
 
-    def footprint(self, camera: Camera, frame: LightFrame, norm: ErrorNorm) -> Footprint:
+    def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`."""
         planes = self.with_frustum(camera)
         vertices, valid = vertices_of(planes)
         footprint = from_groups(singles(valid, vertices, frame), camera.near, grouped=False)
-        if norm.supremum:
+        if objective.supremum:
             return footprint
-        return footprint.with_moments(
-            *_moments(planes, vertices, valid, frame, footprint, norm, DENSITY_EXPONENT[self.measure])
-        )
+        return footprint.with_moments(*_moments(planes, vertices, valid, frame, footprint, objective))
+
+    def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """See `Receivers`."""
+        points, there = self.vertices(camera)
+        return extent_of(points[:, 2], there)
+
+    def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> BodyProfile:
+        """See `Receivers`."""
+        vertices, valid = map(np.asarray, _vertices(camera, self))
+        planes = self.with_frustum(camera)
+        solid = Solid.uniform(planes, DENSITY_EXPONENT[objective.measure])
+        return BodyProfile([vertices[valid]], solid, camera, frame)
 
     def vertices(self, camera: Camera) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
         """(eye coordinates, which are vertices of B) of its vertices, each some times over."""
@@ -103,68 +113,12 @@ class ConvexBody(eqx.Module):
         return jnp.concatenate([camera.planes(), jnp.c_[normals, offsets]])
 
 
-def vertices_of(planes: Float[Array, "K 4"]) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
-    """(points, which are vertices) of a polytope: both ends of its edges, first one of each, then the other.
-
-    Every edge is a line of two planes, clipped by all others. Points within rounding of the body count as its own, so
-    that a body without thickness keeps its vertices.
-    """
-    normals, offsets = planes[:, :3], planes[:, 3]
-    eps = jnp.finfo(planes.dtype).eps
-    first, second = np.array(list(itertools.combinations(range(len(planes)), 2))).T
-    p, q = normals[first], normals[second]
-    direction = jnp.cross(p, q)
-    square = (direction * direction).sum(-1)
-    crossing = square > 1e4 * eps  # parallel planes have no edge, or one of no consequence
-    square = jnp.where(crossing, square, 1)
-    # The line's point nearest to the eye, and its unit direction.
-    h, g = -offsets[first][:, None], -offsets[second][:, None]
-    base = (h * jnp.cross(q, direction) + g * jnp.cross(direction, p)) / square[:, None]
-    direction = direction / jnp.sqrt(square)[:, None]
-    others = (np.arange(len(planes)) != first[:, None]) & (np.arange(len(planes)) != second[:, None])
-    start, end, bounded, slanted, inside = _clipped(base, direction, normals, offsets, others)
-    reach = jnp.sqrt((base * base).sum(-1) + jnp.maximum(start * start, end * end))
-    tolerance = 64 * eps * reach
-    beside = (others & ~slanted & (inside < -tolerance[:, None])).any(1)
-    valid = crossing & bounded & ~beside & (start <= end + tolerance)
-    ends = base + start[:, None] * direction, base + end[:, None] * direction
-    return jnp.concatenate(ends), jnp.concatenate([valid, valid])
+@jax.jit
+def _vertices(camera: Camera, body: ConvexBody) -> tuple[Array, Array]:
+    return body.vertices(camera)
 
 
-def _clipped(base, direction, normals, offsets, others) -> tuple[Array, Array, Array, Array, Array]:
-    """Lines base + t direction, clipped by the half-spaces that are in `others` for each.
-
-    Returns (first t, last t, whether there are both, which half-spaces cut the line, each one's value at the base);
-    the first two are 0 where the line stays unbounded.
-    """
-    towards, inside = direction @ normals.T, base @ normals.T + offsets
-    slanted = others & (jnp.abs(towards) > 64 * jnp.finfo(base.dtype).eps)
-    at = -inside / jnp.where(slanted, towards, 1)
-    start = jnp.where(slanted & (towards > 0), at, -jnp.inf).max(1)
-    end = jnp.where(slanted & (towards < 0), at, jnp.inf).min(1)
-    bounded = jnp.isfinite(start) & jnp.isfinite(end)
-    return jnp.where(bounded, start, 0), jnp.where(bounded, end, 0), bounded, slanted, inside
-
-
-def thickened(
-    planes: Float[Array, "K 4"], vertices: Float[Array, "N 3"], valid: Bool[Array, " N"]
-) -> tuple[Array, Array, Array]:
-    """(half-spaces, vertices, which are valid) of a body that is at least sqrt(eps) of its size thick.
-
-    A thinner one has no volume to speak of; to thicken it moves the optimum by no more than rounding does elsewhere.
-    """
-    eps = jnp.finfo(planes.dtype).eps
-    present = valid[:, None]
-    extent = (jnp.where(present, vertices, -jnp.inf).max(0) - jnp.where(present, vertices, jnp.inf).min(0)).max()
-    size = jnp.maximum(extent, eps**0.5 * jnp.abs(jnp.where(present, vertices, 0)).max())
-    size = jax.lax.stop_gradient(jnp.where(jnp.isfinite(size) & (size > 0), size, 1))
-    thickness = jnp.where(present, vertices @ planes[:, :3].T + planes[:, 3], -jnp.inf).max(0)
-    short = jax.lax.stop_gradient(eps**0.5 * size - thickness)
-    thick = planes.at[:, 3].add(jnp.where(valid.any() & (short > 0), short, 0))
-    return thick, *vertices_of(thick)
-
-
-def _moments(planes, vertices, valid, frame, footprint: Footprint, norm: ErrorNorm, exponent: int):
+def _moments(planes, vertices, valid, frame, footprint: Footprint, objective: Objective):
     """(moments, unit) over the body, every term positive."""
     thick, vertices, valid = thickened(planes, vertices, valid)
     z = jnp.where(valid, vertices[:, 2], jnp.nan)
@@ -178,15 +132,15 @@ def _moments(planes, vertices, valid, frame, footprint: Footprint, norm: ErrorNo
     t, w = unit_nodes(_DEPTH_NODES, logs.dtype)
     log_z = (logs[where][:, None] + gaps[:, None] * t).ravel()
     weight_z = (gaps[:, None] * w).ravel()
-    delta, rest, area = jax.vmap(functools.partial(_slice, thick, frame, footprint, first, round(norm.blend_degree)))(
-        log_z
-    )
-    growth = 3 - exponent
+    delta, rest, area = jax.vmap(
+        functools.partial(_slice, thick, frame, footprint, first, round(objective.blend_degree))
+    )(log_z)
+    growth = 3 - DENSITY_EXPONENT[objective.measure]
     area = area * (weight_z * jnp.exp(growth * log_z))[:, None]
-    weighted = area * jnp.exp(-norm.metric.depth_power * norm.order * log_z)[:, None]
-    M = round(norm.blend_degree)
+    weighted = area * jnp.exp(-objective.metric.depth_power * objective.order * log_z)[:, None]
+    M = round(objective.blend_degree)
     sums = [(weighted * rest ** (M - j) * delta**j).sum() for j in range(M + 1)]
-    return binomial_moments(sums, area.sum(), norm), first
+    return binomial_moments(sums, area.sum(), objective), first
 
 
 def _slice(planes, frame: LightFrame, footprint: Footprint, unit: Array, degree: int, log_z: Array):
@@ -205,7 +159,7 @@ def _slice(planes, frame: LightFrame, footprint: Footprint, unit: Array, degree:
     tolerance = 64 * eps * (1 + jnp.abs(offsets)[None, :] + jnp.abs(base).sum(1)[:, None])
     count = len(planes)
     others = ~np.eye(count, dtype=bool)
-    start, end, _, slanted, inside = _clipped(base, direction, normals, offsets, others)
+    start, end, _, slanted, inside = clipped(base, direction, normals, offsets, others)
     beside = (others & ~slanted & (inside < -tolerance)).any(1)
     # Of two planes with one line the first counts.
     earlier = np.tril(np.ones((count, count), bool), -1)

@@ -1,7 +1,7 @@
 """Receivers as a renderer has them: the depth buffer of the frame."""
 
 import functools
-from typing import Literal
+from typing import ClassVar, Literal
 
 import equinox as eqx
 import jax
@@ -12,11 +12,13 @@ from jaxtyping import Array, Bool, Float
 
 from .._checks import checked, float_arrays
 from .._numerics import larger
+from ..objective import Objective
 from ..theory.camera import Camera
-from ..theory.error_norm import ErrorNorm
 from ..theory.light_frame import LightFrame
+from .bins import BINS, Groups, bin_of, extent_of, from_groups, with_moments
 from .footprint import Footprint
-from .groups import BINS, Groups, bin_of, from_groups, with_moments
+from .profiles.binned import BinnedProfile, PointSet
+from .receivers import Receivers
 
 Encoding = Literal["linear", "standard", "reversed"]
 # Sorting into bins costs about as much for one value as all else for ten, so large buffers are first reduced to this
@@ -25,8 +27,8 @@ _CELLS = 131_072
 _MIXED = 1.05  # far over near of a cell that is split in two
 
 
-class DepthBuffer(eqx.Module):
-    """The pixels of a depth buffer, made by the camera that `scene_warp` is given; row 0 is the top of the screen.
+class DepthBuffer(Receivers):
+    """The pixels of a depth buffer, made by the camera of the view; row 0 is the top of the screen.
 
     Each pixel's centre is one receiver of equal weight: L_P norms are over what is seen. Background is no receiver.
 
@@ -43,10 +45,12 @@ class DepthBuffer(eqx.Module):
         >>> depth = np.full((4, 6), 20.0)
         >>> depth[:2] = 0.0  # sky
         >>> camera = warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=1000.0, half_fov=0.4, aspect=1.5)
-        >>> solution = warpopt.scene_warp(camera, warpopt.DirectionalLight((0, -1, 0)), warpopt.DepthBuffer(depth))
-        >>> warpopt.Outcome(int(solution.result)).name   # a wall across the view is at one depth for this light
+        >>> view = warpopt.SceneView(camera, warpopt.DirectionalLight((0, -1, 0)), DepthBuffer(depth))
+        >>> warpopt.Outcome(int(warpopt.optimal_warp(view).result)).name   # for this light, a wall is at one depth
         'flat'
     """
+
+    one_at_a_time: ClassVar[bool] = True  # a pass fills the machine, and its cells are tens of megabytes
 
     depth: Float[Array, "H W"]
     encoding: Encoding = eqx.field(static=True, default="linear")
@@ -68,6 +72,15 @@ class DepthBuffer(eqx.Module):
         seen, z = self._decoded(self.depth, camera)
         return jnp.where(seen, z, jnp.inf)
 
+    def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """See `Receivers`."""
+        z = self.eye_depth(camera)
+        return extent_of(z, jnp.isfinite(z))
+
+    def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> BinnedProfile:
+        """See `Receivers`."""
+        return BinnedProfile(_weighted(self, camera), frame, bins)
+
     def _decoded(self, value: Array, camera: Camera) -> tuple[Array, Array]:
         """(which pixels are no background, eye depths, in [near, far] for all)."""
         n, f = camera.near, camera.far
@@ -79,7 +92,7 @@ class DepthBuffer(eqx.Module):
             return value < 1, n * f / (n * value + f * (1 - value))
         return value > 0, n * f / (n + value * (f - n))
 
-    def footprint(self, camera: Camera, frame: LightFrame, norm: ErrorNorm) -> Footprint:
+    def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`. A pass for extents, cell by cell, one more where there are silhouettes, one for moments."""
         across, up = _slopes(self.depth, camera)
         # What rows share is computed here: inside a sweep every pixel would.
@@ -103,7 +116,7 @@ class DepthBuffer(eqx.Module):
 
         groups = jax.lax.cond(mixed.any(), split, lambda groups: groups, groups)
         footprint = from_groups(groups, camera.near)
-        if norm.supremum:
+        if objective.supremum:
             return footprint
         unit = jnp.where(footprint.empty, 1, near.min())
 
@@ -111,7 +124,7 @@ class DepthBuffer(eqx.Module):
             seen, z, d = depths(row)
             return jnp.where(seen, d, start), unit / z, seen.astype(z.dtype)
 
-        return with_moments(footprint, rows, receivers_of, unit, norm)
+        return with_moments(footprint, rows, receivers_of, unit, objective)
 
     def _cells(self, rows, depths) -> tuple[Array, Array, Array, Array]:
         """(least and largest Z_w . c of all pixels, least and largest eye depth of each cell; inf, -inf where empty).
@@ -210,6 +223,13 @@ def eye_points(buffer: DepthBuffer, camera: Camera) -> tuple[Float[Array, "H W 3
     z = jnp.where(seen, z, 1)
     across, up = _slopes(z, camera)
     return jnp.stack([z * across, z * up[:, None], z], -1), seen
+
+
+@jax.jit
+def _weighted(buffer: DepthBuffer, camera: Camera) -> PointSet:
+    points, seen = eye_points(buffer, camera)
+    points = points.reshape(-1, 3)
+    return PointSet(points, seen.ravel().astype(points.dtype))
 
 
 def _slopes(depth: Array, camera: Camera) -> tuple[Array, Array]:

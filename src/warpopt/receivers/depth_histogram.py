@@ -1,21 +1,24 @@
 """Receivers of which only the depths are known: a histogram, as automatic exposure or cascade fitting keep it."""
 
-import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from .._checks import checked, float_arrays
+from .._numerics import unit_nodes
+from ..objective import DENSITY_EXPONENT, Objective
 from ..theory.camera import Camera
-from ..theory.error_norm import ErrorNorm
 from ..theory.light_frame import LightFrame
+from .bins import Groups, extent_of, from_groups, with_moments
 from .footprint import Footprint
-from .groups import Groups, from_groups, with_moments
-from .view_frustum import window_nodes
-from .whole_frustum import unit_nodes
+from .profiles.hulls import BodyProfile, slab
+from .profiles.slices import Solid
+from .receivers import Receivers
+from .whole_frustum import window_nodes
 
 
-class DepthHistogram(eqx.Module):
+class DepthHistogram(Receivers):
     """Receivers spread evenly over the screen at each depth, and evenly in depth within each bin.
 
     That is all a histogram says; where the scene is lopsided (ground below, sky above) a `DepthBuffer` knows better: on
@@ -31,10 +34,10 @@ class DepthHistogram(eqx.Module):
 
     Example:
         >>> import warpopt
-        >>> histogram = warpopt.DepthHistogram(edges=(1.0, 10.0, 100.0), counts=(3.0, 1.0))
+        >>> histogram = DepthHistogram(edges=(1.0, 10.0, 100.0), counts=(3.0, 1.0))
         >>> camera = warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=1000.0, half_fov=0.4)
-        >>> solution = warpopt.scene_warp(camera, warpopt.DirectionalLight((0, -1, 0)), histogram)
-        >>> round(float(solution.warp.mu), 3)   # nothing is nearer than 1 or farther than 100
+        >>> view = warpopt.SceneView(camera, warpopt.DirectionalLight((0, -1, 0)), histogram)
+        >>> round(float(warpopt.optimal_warp(view).warp.mu), 3)   # nothing is nearer than 1 or farther than 100
         99.0
     """
 
@@ -51,7 +54,7 @@ class DepthHistogram(eqx.Module):
         )
         self.counts = checked("counts", counts, lambda c: jnp.isfinite(c) & (c >= 0), "finite numbers >= 0")
 
-    def footprint(self, camera: Camera, frame: LightFrame, norm: ErrorNorm) -> Footprint:
+    def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`. Each bin is a slab of the frustum, and a group."""
         whole = self.edges.astype(camera.near.dtype)
         edges = jnp.clip(whole, camera.near, camera.far)
@@ -66,9 +69,9 @@ class DepthHistogram(eqx.Module):
         z = jnp.where(there, edges[:-1], jnp.inf)
         bounds = (ends(axis) for axis in (frame.z_axis, frame.x_axis, frame.light))
         footprint = from_groups(Groups(*(side for pair in bounds for side in pair), z), camera.near)
-        if norm.supremum:
+        if objective.supremum:
             return footprint
-        degree = round(norm.blend_degree)
+        degree = round(objective.blend_degree)
         points, weights = window_nodes(camera, "screen", degree)
         t, w = unit_nodes(degree // 2 + 8, edges.dtype)  # a bin's z ratio of 10 still leaves 1e-10 of the integral
         inner = edges[:-1, None] + jnp.diff(edges)[:, None] * t
@@ -76,4 +79,22 @@ class DepthHistogram(eqx.Module):
         mass = jnp.where(there, counts, 0)[:, None] * w * weights[:, None, None]
         unit = jnp.where(footprint.empty, 1, z.min())
         rows = d, jnp.broadcast_to(jnp.where(there[:, None], inner, unit), d.shape), mass
-        return with_moments(footprint, rows, lambda row: (row[0], unit / row[1], row[2]), unit, norm)
+        return with_moments(footprint, rows, lambda row: (row[0], unit / row[1], row[2]), unit, objective)
+
+    def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """See `Receivers`."""
+        there = (self.counts > 0) & (self.edges[1:] > camera.near) & (self.edges[:-1] < camera.far)
+        z = jnp.clip(jnp.stack([self.edges[:-1], self.edges[1:]]), camera.near, camera.far)
+        return extent_of(z, jnp.broadcast_to(there, z.shape))
+
+    def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> BodyProfile:
+        """See `Receivers`. Each bin is a slab of the frustum."""
+        whole = self.edges.astype(camera.near.dtype)
+        edges = jnp.clip(whole, camera.near, camera.far)
+        weights = self.counts.astype(edges.dtype) / jnp.diff(whole)  # what is cut off takes its share
+        weights = jnp.where(edges[1:] > edges[:-1], weights, 0)
+        planes = camera.planes().at[4:, 3].set(jnp.stack([-edges[0], edges[-1]]))
+        near, far = (np.asarray(v) for v in (edges[:-1], edges[1:]))
+        filled = (np.asarray(self.counts) > 0) & (far > near)
+        slabs = [slab(camera.corner_slopes(), n, f) for n, f in zip(near[filled], far[filled], strict=True)]
+        return BodyProfile(slabs, Solid(planes, edges[1:-1], weights, DENSITY_EXPONENT["screen"]), camera, frame)

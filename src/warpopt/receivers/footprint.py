@@ -1,20 +1,15 @@
 """What any set of receivers is to a warp: a few extents, a few lines, a few moments.
 
-Every kind of receivers (whole frustum, convex body, points, depth buffer) has one method, `footprint(camera, frame,
-norm)`, and everything after it sees only the result.
+`Receivers.footprint` makes one of every kind of receivers, and everything after it sees only the result.
 """
-
-from typing import Protocol
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..theory.camera import Camera
-from ..theory.error_norm import ErrorNorm
 from ..theory.light_frame import LightFrame
-from ..theory.light_space import Depth
-from .whole_frustum import Moments
+from ..theory.light_space import LightDepth
+from .moments import Moments
 
 
 class Nearest(eqx.Module):
@@ -23,7 +18,7 @@ class Nearest(eqx.Module):
     Invalid entries have z = inf, which no maximum attains.
     """
 
-    depth: Depth  # the largest delta of each group
+    depth: LightDepth  # the largest delta of each group
     z: Float[Array, " N"]  # the least eye depth of each group
 
 
@@ -33,8 +28,8 @@ class Sides(eqx.Module):
     Empty ones have right = left = 0 and light_least = inf.
     """
 
-    depth: Depth  # the least delta of each group
-    farthest: Depth  # the largest
+    depth: LightDepth  # the least delta of each group
+    farthest: LightDepth  # the largest
     right: Float[Array, " K"]  # largest x - axis, >= 0
     left: Float[Array, " K"]  # largest axis - x, >= 0
     light_least: Float[Array, " K"]  # least l . c, which grows away from the light
@@ -74,10 +69,10 @@ class Footprint(eqx.Module):
         blend = self.sides.depth.blend(eta)
         return (self.sides.left / blend).max(), (self.sides.right / blend).max()
 
-    def coordinates(self, frame: LightFrame, eye_points: Float[Array, "... 3"]) -> tuple[Depth, Array, Array]:
+    def coordinates(self, frame: LightFrame, eye_points: Float[Array, "... 3"]) -> tuple[LightDepth, Array, Array]:
         """(depth along Z_w as delta and 1 - delta, x from W's axis, eye depth z) of points in eye coordinates."""
         d = frame.depth(eye_points)
-        depth = Depth((d - self.start) / self.mu, (self.start + self.mu - d) / self.mu)
+        depth = LightDepth((d - self.start) / self.mu, (self.start + self.mu - d) / self.mu)
         return depth, frame.lateral(eye_points) - self.axis, eye_points[..., 2]
 
     def with_moments(self, moments: Moments, unit: Float[Array, ""]) -> "Footprint":
@@ -96,12 +91,6 @@ class Footprint(eqx.Module):
             self,
             (sides.depth, sides.farthest, *sides.reached),
         )
-
-
-class Receivers(Protocol):
-    """What must be resolved."""
-
-    def footprint(self, camera: Camera, frame: LightFrame, norm: ErrorNorm) -> Footprint: ...
 
 
 def axis_inside(least: Array, largest: Array) -> Array:

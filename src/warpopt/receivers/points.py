@@ -1,19 +1,21 @@
 """Receivers known one by one: points."""
 
-import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from .._checks import checked, float_arrays
+from ..objective import Objective
 from ..theory.camera import Camera
-from ..theory.error_norm import ErrorNorm
 from ..theory.light_frame import LightFrame
+from .bins import BINS, bin_of, ends, extent_of, from_groups, grouped, with_moments
 from .footprint import Footprint
-from .groups import BINS, bin_of, ends, from_groups, grouped, with_moments
+from .profiles.binned import BinnedProfile, PointSet
+from .receivers import Receivers
 
 
-class PointReceivers(eqx.Module):
+class PointReceivers(Receivers):
     """Points, such as a sample of the visible surfaces.
 
     Points outside the view frustum are not seen and count for nothing; so do points of weight 0. No points at all are
@@ -31,7 +33,8 @@ class PointReceivers(eqx.Module):
         >>> points = np.stack([np.linspace(-3, 3, 50), np.zeros(50), np.linspace(-5, -90, 50)], axis=1)
         >>> camera = warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=1000.0, half_fov=0.4)
         >>> light = warpopt.DirectionalLight((0, -1, -0.2))
-        >>> solution = warpopt.scene_warp(camera, light, warpopt.PointReceivers(points), norm="l2")
+        >>> view = warpopt.SceneView(camera, light, PointReceivers(points))
+        >>> solution = warpopt.optimal_warp(view, warpopt.Objective("p", "l2"))
         >>> bool(solution.value < solution.unwarped)
         True
     """
@@ -50,7 +53,7 @@ class PointReceivers(eqx.Module):
         self.points = checked("points", points, lambda v: jnp.isfinite(v), "finite numbers")
         self.weights = checked("weights", weights, lambda w: jnp.isfinite(w) & (w >= 0), "finite numbers >= 0")
 
-    def footprint(self, camera: Camera, frame: LightFrame, norm: ErrorNorm) -> Footprint:
+    def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`. Exact for at most `BINS` points, conservative beyond: `Footprint`'s groups."""
         world, weights = self.points, self.weights
         if not len(world):  # one point of no weight: empty
@@ -67,12 +70,27 @@ class PointReceivers(eqx.Module):
             share = (d - start) / jnp.where(end > start, end - start, 1)
             groups = grouped(seen, d, x, h, z, bin_of(jnp.where(seen, share, 0)), BINS)
         footprint = from_groups(groups, camera.near, len(points) > BINS)
-        if norm.supremum:
+        if objective.supremum:
             return footprint
         unit = jnp.where(seen.any(), jnp.where(seen, z, jnp.inf).min(), 1)
         weights = jnp.where(seen, weights, 0)
         rows = tuple(_in_rows(v, fill) for v, fill in ((d, footprint.start), (z, unit), (weights, 0)))
-        return with_moments(footprint, rows, lambda row: (row[0], unit / row[1], row[2]), unit, norm)
+        return with_moments(footprint, rows, lambda row: (row[0], unit / row[1], row[2]), unit, objective)
+
+    def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """See `Receivers`."""
+        points = camera.to_eye(self.points)
+        return extent_of(points[:, 2], (self.weights > 0) & seen_from(camera, points))
+
+    def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> BinnedProfile:
+        """See `Receivers`."""
+        return BinnedProfile(_weighted(self, camera), frame, bins)
+
+
+@jax.jit
+def _weighted(receivers: PointReceivers, camera: Camera) -> PointSet:
+    points = camera.to_eye(receivers.points)
+    return PointSet(points, jnp.where(seen_from(camera, points), receivers.weights, 0))
 
 
 def seen_from(camera: Camera, points: Float[Array, "N 3"]) -> Bool[Array, " N"]:

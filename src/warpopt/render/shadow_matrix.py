@@ -10,11 +10,12 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from .._checks import checked, float_arrays, instance
-from ..receivers.footprint import Footprint, Receivers
-from ..theory.camera import Camera, DirectionalLight
-from ..theory.error_norm import ErrorNorm
+from ..objective import Objective
+from ..receivers.footprint import Footprint
+from ..solve.solution import SceneSolution, Solution, warp_of
 from ..theory.light_frame import LightFrame
-from ..theory.warp import Warp
+from ..theory.warp import Warp, refuse_lost
+from ..views import SceneView, one_light
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,11 +57,9 @@ class ClipSpace:
 
 
 def shadow_matrix(
-    camera: Camera,
-    light: DirectionalLight,
-    receivers: Receivers | Footprint,
-    warp: Warp,
-    convention: ClipSpace | None = None,
+    view: SceneView,
+    warp: Warp | Solution | SceneSolution,
+    clip_space: ClipSpace | None = None,
     *,
     casters: ArrayLike | None = None,
     padding: tuple[float, float] = (0.0, 0.0),
@@ -72,17 +71,17 @@ def shadow_matrix(
     from the world's origin moves receivers by a tenth of a texel, as it does in any engine; give coordinates near it.
 
     Args:
-        camera, light: as given to `scene_warp`.
-        receivers: as given to `scene_warp`, or the solution's `footprint`, which costs no second pass over them.
-        warp: any `Warp`; only eta is used.
-        convention: a `ClipSpace`; OpenGL's by default.
+        view: one camera, light and receivers; `SceneView.reduced` saves a second pass over the receivers.
+        warp: a warp, or a solution. One that was made for another body keeps its apex: see `Warp.over`.
+        clip_space: what the graphics interface expects; OpenGL's by default.
         casters: (N, 3) world points of what casts shadows (the corners of the scene's box will do): the map's depth
             begins at the one nearest to the light. By default it begins at the receivers.
         padding: fractions of the map, along (t, s), to keep free at either edge: (1/width, 1/height) leaves room for
             filters of a texel, and for `texel_snap`.
 
     Raises:
-        ValueError: for casters of a wrong shape or not finite, or a padding outside [0, 1/2).
+        ValueError: for casters of a wrong shape or not finite, a padding outside [0, 1/2), or an apex that is not
+            before the receivers (a matrix of NaN when traced).
 
     First derivatives grow as 1/sin(theta); where light and view are parallel (see `LightFrame`) they are zero in what
     turns W about the view.
@@ -91,33 +90,39 @@ def shadow_matrix(
         >>> import warpopt
         >>> camera = warpopt.Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=0.5236)
         >>> light = warpopt.DirectionalLight((0, -1, 0))
-        >>> best = warpopt.scene_warp(camera, light)
-        >>> matrix = shadow_matrix(camera, light, best.footprint, best.warp)
+        >>> view = warpopt.SceneView(camera, light)
+        >>> matrix = shadow_matrix(view, warpopt.optimal_warp(view))
         >>> x, y, z, w = matrix @ jnp.array([0.0, 0.0, -1.0, 1.0])   # on the near plane: s = 0
         >>> [round(float(v), 6) + 0.0 for v in (x / w, y / w)]
         [0.0, -1.0]
     """
-    convention = _checked_convention(convention)
-    if not (isinstance(padding, tuple) and len(padding) == 2 and all(0 <= v < 0.5 for v in padding)):
+    clip_space = _checked_clip_space(clip_space)
+    if not (isinstance(padding, tuple | list) and len(padding) == 2 and all(0 <= v < 0.5 for v in padding)):
         raise ValueError(f"padding: got {padding!r}, expected two fractions in [0, 1/2)")
-    for name, value, kind in (("camera", camera, Camera), ("light", light, DirectionalLight), ("warp", warp, Warp)):
-        instance(name, value, kind)
+    instance("view", view, SceneView)
+    one_light(view).receivers.check(view.camera, view.light, None)
+    warp = warp_of(warp)
+    if warp.eta.ndim:
+        raise ValueError(f"warp: got shape {warp.eta.shape}, expected one; use jax.vmap over more")
     if casters is not None:
         (casters,) = float_arrays(casters=casters)
         if casters.ndim != 2 or casters.shape[1] != 3:
             raise ValueError(f"casters: got shape {casters.shape}, expected (N, 3)")
-        casters = checked("casters", casters, lambda v: jnp.isfinite(v), "finite numbers")
-    return _matrix(camera, light, receivers, warp.eta, casters, convention, padding)
+        if not isinstance(casters, jax.core.Tracer):  # of traced ones, a NaN shows in the matrix
+            casters = checked("casters", casters, lambda v: jnp.isfinite(v), "finite numbers")
+    matrix, lost = _matrix(view, warp, casters, clip_space, tuple(padding))
+    refuse_lost(lost)
+    return matrix
 
 
-@functools.partial(jax.jit, static_argnames=("convention", "padding"))
-def _matrix(camera, light, receivers, eta, casters, convention: ClipSpace, padding: tuple[float, float]):
-    frame = LightFrame(camera, light)
-    if isinstance(receivers, Footprint):
-        footprint = receivers
-    else:
-        footprint = receivers.footprint(camera, frame, ErrorNorm.of("p", "inf", "screen"))
-    eta = eta.astype(camera.position.dtype)
+@functools.partial(jax.jit, static_argnames=("clip_space", "padding"))
+def _matrix(
+    view: SceneView, warp: Warp, casters: Array | None, clip_space: ClipSpace, padding: tuple[float, float]
+) -> tuple[Array, Array]:
+    camera, frame = view.camera, view.frame()
+    footprint = view.receivers.footprint(camera, frame, Objective())
+    own = warp.over(footprint)
+    eta = own.eta.astype(camera.position.dtype)
     reference, least, largest = _light_range(camera, frame, footprint, eta, casters)
     left, right = footprint.half_widths(eta)
     width = jnp.where(left + right > 0, left + right, 1)
@@ -141,12 +146,12 @@ def _matrix(camera, light, receivers, eta, casters, convention: ClipSpace, paddi
     )
     inner = np.diag([1 - 2 * pad_t, 1.0, 1 - 2 * pad_s, 1.0]).astype(mu.dtype)
     inner[0, 3], inner[2, 3] = pad_t, pad_s
-    matrix = _to_clip(convention, mu.dtype) @ inner @ f @ w_p @ w_v @ l_p @ l_v
-    return matrix.T if convention.row_vectors else matrix
+    matrix = _to_clip(clip_space, mu.dtype) @ inner @ f @ w_p @ w_v @ l_p @ l_v
+    return matrix.T if clip_space.row_vectors else matrix, warp.lost_over(own)
 
 
 def texel_snap(
-    matrix: ArrayLike, resolution: tuple[int, int], convention: ClipSpace | None = None
+    matrix: ArrayLike, resolution: tuple[int, int], clip_space: ClipSpace | None = None
 ) -> Float[Array, "4 4"]:
     """An unwarped shadow matrix moved by less than a texel, so that the world's origin lies on a texel's corner.
 
@@ -156,7 +161,7 @@ def texel_snap(
     Args:
         matrix: from `shadow_matrix` with eta = 1 and a padding of a texel, into which receivers may move.
         resolution: texels along (t, s).
-        convention: the one that the matrix was made for.
+        clip_space: the one that the matrix was made for.
 
     Raises:
         ValueError: for a warped matrix, a wrong shape, or a resolution that is not two positive numbers.
@@ -167,28 +172,28 @@ def texel_snap(
         >>> round(float(moved[0, 3]), 3)   # texels are 0.5 wide in clip space
         0.5
     """
-    convention = _checked_convention(convention)
+    clip_space = _checked_clip_space(clip_space)
     (matrix,) = float_arrays(matrix=matrix)
     if matrix.shape != (4, 4):
         raise ValueError(f"matrix: got shape {matrix.shape}, expected (4, 4)")
     if not isinstance(resolution, tuple | list) or len(resolution) != 2 or not all(size > 0 for size in resolution):
         raise ValueError(f"resolution: got {resolution!r}, expected two positive numbers")
-    columns = matrix.T if convention.row_vectors else matrix
+    columns = matrix.T if clip_space.row_vectors else matrix
     last = checked(
         "matrix", columns[3], lambda row: row == jnp.array([0, 0, 0, 1]), "an unwarped one: w = 1 for every point"
     )
     texels = jnp.asarray(np.asarray(resolution), matrix.dtype) / 2
     offset = columns[:2, 3]
     snapped = jnp.concatenate([columns[:3].at[:2, 3].set(jnp.round(offset * texels) / texels), last[None]])
-    return snapped.T if convention.row_vectors else snapped
+    return snapped.T if clip_space.row_vectors else snapped
 
 
-def _checked_convention(convention: ClipSpace | None) -> ClipSpace:
-    if convention is None:
+def _checked_clip_space(clip_space: ClipSpace | None) -> ClipSpace:
+    if clip_space is None:
         return ClipSpace()
-    if not isinstance(convention, ClipSpace):
-        raise ValueError(f"convention: got {convention!r}, expected a ClipSpace, such as ClipSpace.vulkan()")
-    return convention
+    if not isinstance(clip_space, ClipSpace):
+        raise ValueError(f"clip_space: got {clip_space!r}, expected a ClipSpace, such as ClipSpace.vulkan()")
+    return clip_space
 
 
 def _light_range(camera, frame: LightFrame, footprint: Footprint, eta: Array, casters) -> tuple[Array, Array, Array]:
@@ -215,11 +220,11 @@ def _affine(linear: Array, offset: Array) -> Array:
     return jnp.concatenate([jnp.c_[linear, offset], jnp.array([[0.0, 0.0, 0.0, 1.0]], linear.dtype)])
 
 
-def _to_clip(convention: ClipSpace, dtype) -> np.ndarray:
+def _to_clip(clip_space: ClipSpace, dtype) -> np.ndarray:
     """From (t, depth, s, 1), the depth growing away from the light, to clip space."""
-    y = -1 if convention.y_down else 1
-    low, high = (0, 1) if convention.z_zero_to_one else (-1, 1)
-    if convention.reversed_z:
+    y = -1 if clip_space.y_down else 1
+    low, high = (0, 1) if clip_space.z_zero_to_one else (-1, 1)
+    if clip_space.reversed_z:
         low, high = high, low
     rows = [[2, 0, 0, -1], [0, 0, 2 * y, -y], [0, high - low, 0, low], [0, 0, 0, 1]]
     return np.array(rows, dtype)

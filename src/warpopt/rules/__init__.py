@@ -1,47 +1,28 @@
-"""Rules for lambda that the literature and engines offer, to compare the optimum with."""
+"""Rules for lambda that the literature and engines offer, to compare the optimum with.
 
-from .body import Body
-from .engines import (
-    filament,
-    lispsm_paper,
-    ogre,
-    openmw,
-    osg_lispsm,
-    osg_lispsm_corrected,
-    osg_vdsm,
-    tsm_dagor,
-    tsm_xray,
-    veloren,
-)
-from .published import lispsm, minimum_norm, psm, scherzer, ssm, tsm, tsm_alternative
+`registry` is the list; a function is loaded on first use, as in `warpopt` itself.
+"""
 
-PUBLISHED = {rule.__name__: rule for rule in (ssm, psm, lispsm, tsm, tsm_alternative, minimum_norm, scherzer)}
-ENGINES = {
-    rule.__name__: rule
-    for rule in (
-        lispsm_paper, filament, osg_lispsm, osg_lispsm_corrected, osg_vdsm, openmw, ogre, veloren, tsm_xray, tsm_dagor
-    )
-}  # fmt: skip
+import importlib
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "ENGINES",
-    "PUBLISHED",
-    "Body",
-    "filament",
-    "lispsm",
-    "lispsm_paper",
-    "minimum_norm",
-    "ogre",
-    "openmw",
-    "osg_lispsm",
-    "osg_lispsm_corrected",
-    "osg_vdsm",
-    "psm",
-    "scherzer",
-    "ssm",
-    "tsm",
-    "tsm_alternative",
-    "tsm_dagor",
-    "tsm_xray",
-    "veloren",
-]
+from .registry import ENGINES, EVERY, PUBLISHED, Rule
+
+__all__ = ["ENGINES", "PUBLISHED", "Body", "Rule", *EVERY]  # pyright: ignore[reportUnsupportedDunderAll]
+
+if TYPE_CHECKING:
+    from .body import Body
+    from .engines import *  # noqa: F403
+    from .published import *  # noqa: F403
+
+
+def __getattr__(name: str):
+    if name in EVERY:
+        return EVERY[name].function
+    if name == "Body":
+        return importlib.import_module(".body", __name__).Body
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

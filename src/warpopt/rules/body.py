@@ -14,8 +14,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from .._checks import checked
-from ..theory.frustum import ViewFrustum
-from ..theory.light_space import Depth, LightSpace, checked_theta
+from ..theory.light_space import LightDepth, LightSpace, checked_theta
+from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
 
 
@@ -81,7 +81,7 @@ class BodySpace(eqx.Module):
         return self.body.mu / self.body.near
 
     @property
-    def minimum_depth(self) -> Float[Array, "..."]:
+    def start(self) -> Float[Array, "..."]:
         return self.body.start
 
     @property
@@ -89,10 +89,10 @@ class BodySpace(eqx.Module):
         """y_min / n where the body begins beyond the eye: PSM's lambda."""
         return jnp.where(self.body.start > 0, self.body.start, 0) / self.body.near
 
-    def axis_depths(self) -> tuple[Depth, Depth]:
+    def axis_depths(self) -> tuple[LightDepth, LightDepth]:
         """Depths of the view axis' points at the nearest and farthest eye depth, in [0, 1] if the body holds them."""
         return tuple(
-            Depth(
+            LightDepth(
                 (z * self.sin_theta - self.body.start) / self.body.mu,
                 (self.body.start + self.body.mu - z * self.sin_theta) / self.body.mu,
             )
@@ -115,7 +115,7 @@ def camera_planes(frustum: ViewFrustum | Body) -> tuple[Array, Array]:
     return (frustum.camera_near, frustum.camera_far) if isinstance(frustum, Body) else (frustum.near, frustum.far)
 
 
-def axis_depths(space: LightSpace | BodySpace) -> tuple[Depth, Depth]:
+def axis_depths(space: LightSpace | BodySpace) -> tuple[LightDepth, LightDepth]:
     """Depths of the ends of the view axis within the body."""
     return space.axis_depths() if isinstance(space, BodySpace) else space.edge(0.5)
 
@@ -123,7 +123,7 @@ def axis_depths(space: LightSpace | BodySpace) -> tuple[Depth, Depth]:
 def warp_of_product(space: LightSpace | BodySpace, product: Array, factor: ArrayLike = 1) -> Warp:
     """The warp of lambda factor / n, for a factor >= 0; undefined, no warp, unless that is positive."""
     positive = product > 0
-    return Warp.from_range_ratio(space.mu_over_near * factor / jnp.where(positive, product, 1), space.mu, positive)
+    return Warp.from_range_ratio(space.mu_over_near * factor / jnp.where(positive, product, 1), space, positive)
 
 
 def parameter(name: str, value: ArrayLike, frustum: ViewFrustum | Body, valid: Callable, expected: str) -> Array:

@@ -16,8 +16,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from .._numerics import larger, smaller
-from ..theory.frustum import ViewFrustum
 from ..theory.light_space import LightSpace, checked_theta
+from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
 from .body import BodySpace, camera_planes, parameter, space_of, warp_of_product
 
@@ -36,7 +36,7 @@ def lispsm_paper(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     """
     space = space_of(frustum, theta)
     reach = space.mu_over_near * space.sin_theta
-    return Warp.from_range_ratio(reach / (1 + jnp.sqrt(1 + reach)), space.mu)
+    return Warp.from_range_ratio(reach / (1 + jnp.sqrt(1 + reach)), space)
 
 
 def filament(frustum: ViewFrustum, theta: ArrayLike, near_hint: float = 1.0, far_hint: float = 100.0) -> Warp:
@@ -93,7 +93,7 @@ def osg_lispsm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     reach = space.mu_over_near * square
     # times s^2, so that theta = 0 (lambda = inf) is a value like any other
     N = larger(1 + jnp.sqrt(1 + reach), 0.02 * reach)
-    return warp_of_product(space, N + square * (space.minimum_depth / space.near - 1), square)
+    return warp_of_product(space, N + square * (space.start / space.near - 1), square)
 
 
 def osg_lispsm_corrected(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
@@ -111,7 +111,7 @@ def osg_lispsm_corrected(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     """
     space = space_of(frustum, theta)
     s = space.sin_theta
-    return warp_of_product(space, jnp.sqrt(1 + space.mu_over_near * s) + s * (space.minimum_depth / space.near), s)
+    return warp_of_product(space, jnp.sqrt(1 + space.mu_over_near * s) + s * (space.start / space.near), s)
 
 
 def osg_vdsm(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: float = 0.05) -> Warp:
@@ -139,7 +139,7 @@ def osg_vdsm(frustum: ViewFrustum, theta: ArrayLike, near_far_ratio: float = 0.0
     warps = s >= math.sin(math.radians(2))
     cotangent = _cosine(space) / jnp.where(warps, s, 1)
     lam_over_mu = larger(math.tan(math.radians(30)) / 2 * cotangent**2, r / 2)
-    lam_over_mu = larger(lam_over_mu, space.minimum_depth / space.near / space.mu_over_near)
+    lam_over_mu = larger(lam_over_mu, space.start / space.near / space.mu_over_near)
     return _guarded(space, warps, 1 / lam_over_mu)
 
 
@@ -186,7 +186,7 @@ def ogre(frustum: ViewFrustum, theta: ArrayLike, adjust: float = 0.1, threshold:
     # the roots one by one: the product could overflow single precision
     root = jnp.sqrt(planes[0] / space.near) * jnp.sqrt(planes[1] / space.near)
     lam = (1 + root) * k * tweak
-    return Warp.from_range_ratio(space.mu_over_near / lam, space.mu)
+    return Warp.from_range_ratio(space.mu_over_near / lam, space)
 
 
 def veloren(frustum: ViewFrustum, theta: ArrayLike, at_phi: float = -0.2, span: float = 0.3) -> Warp:
@@ -217,7 +217,7 @@ def veloren(frustum: ViewFrustum, theta: ArrayLike, at_phi: float = -0.2, span: 
     e_plus_1 = jnp.where(below, (1 + at_phi) * 2 * jnp.sin(low / 2) ** 2, 1 - minus_e)
     minus_e = jnp.where(below, 1 - e_plus_1, minus_e)
     w = smaller(space.depth_range, space.mu_over_near * space.sin_theta)
-    return Warp.from_range_ratio(w * e_plus_1 / (1 + jnp.sqrt(1 + w) + minus_e * w), space.mu)
+    return Warp.from_range_ratio(w * e_plus_1 / (1 + jnp.sqrt(1 + w) + minus_e * w), space)
 
 
 def tsm_xray(
@@ -276,4 +276,4 @@ def _cosine(space: LightSpace | BodySpace) -> Float[Array, "..."]:
 def _guarded(space: LightSpace | BodySpace, warps: Array, ratio: Array) -> Warp:
     """The warp of mu / lambda where the engine warps at all; undefined where that is negative."""
     ratio = jnp.where(warps, ratio, 0)
-    return Warp.from_range_ratio(ratio, space.mu, ratio >= 0)
+    return Warp.from_range_ratio(ratio, space, ratio >= 0)

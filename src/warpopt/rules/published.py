@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 from .._numerics import smaller
 from ..solve.sign_change import on_lanes, positive_root
-from ..theory.frustum import ViewFrustum
+from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
 from .body import Body, axis_depths, camera_planes, parameter, space_of, warp_of_product
 
@@ -25,7 +25,7 @@ def ssm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
         1.0
     """
     space = space_of(frustum, theta)
-    return Warp.from_range_ratio(jnp.zeros_like(space.mu), space.mu)
+    return Warp.from_range_ratio(jnp.zeros_like(space.mu), space)
 
 
 def psm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
@@ -56,7 +56,7 @@ def lispsm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     space = space_of(frustum, theta)
     # sqrt(f n) / n; the product f n could overflow
     ratio = space.mu_over_near * space.sin_theta / (1 + jnp.sqrt(1 + space.depth_range))
-    return Warp.from_range_ratio(ratio, space.mu)
+    return Warp.from_range_ratio(ratio, space)
 
 
 def scherzer(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
@@ -75,15 +75,15 @@ def scherzer(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     s = space.sin_theta
     n = camera_planes(frustum)[0] / space.near
     # multiplied by sin(theta), so that theta = 0 (lambda = inf) is a value like any other
-    lam_sin = n + jnp.sqrt(n) * jnp.sqrt(n + space.mu_over_near) + s * (space.minimum_depth / space.near - n)
+    lam_sin = n + jnp.sqrt(n) * jnp.sqrt(n + space.mu_over_near) + s * (space.start / space.near - n)
     return warp_of_product(space, lam_sin, s)
 
 
 def minimum_norm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
     """Generalised minimum norm on the view axis: E_p(z = n) = E_p(z = f) there, lambda = d0 + sin(theta) sqrt(n f).
 
-    The minimiser of the axis' L-inf norm is `optimal_warp(..., measure="axis")`; it differs where the near end alone
-    is stationary.
+    The minimiser of the axis' L-inf norm is `optimal_warp`'s with `Objective("p", "inf", "axis")`; it
+    differs where the near end alone is stationary.
 
     Example:
         >>> import warpopt
@@ -92,7 +92,7 @@ def minimum_norm(frustum: ViewFrustum, theta: ArrayLike) -> Warp:
         9.238
     """
     space = space_of(frustum, theta)
-    lam = space.minimum_depth / space.near + space.sin_theta * jnp.sqrt(1 + space.depth_range)
+    lam = space.start / space.near + space.sin_theta * jnp.sqrt(1 + space.depth_range)
     return warp_of_product(space, lam)
 
 
@@ -115,7 +115,7 @@ def tsm(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5, xi: float = 
     near, far = axis_depths(space)
     depth = (1 - kappa) * near.delta + kappa * far.delta
     ratio = (xi - depth) / (depth * (1 - xi))
-    return Warp.from_range_ratio(ratio, space.mu, ratio >= 0)
+    return Warp.from_range_ratio(ratio, space, ratio >= 0)
 
 
 def tsm_alternative(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5) -> Warp:
@@ -144,7 +144,7 @@ def tsm_alternative(frustum: ViewFrustum, theta: ArrayLike, kappa: float = 0.5) 
     warps = (space.a_plus <= 0) & (3 * m < 1)
     root, _ = positive_root(on_lanes(warps, ((3, 2, 1, 0), cubic)), iterative=True)
     eta = jnp.where(warps, smaller(root, 1), 1)
-    return Warp.from_range_ratio((1 - eta) / eta, space.mu, space.a_plus <= 0)
+    return Warp.from_range_ratio((1 - eta) / eta, space, space.a_plus <= 0)
 
 
 def _fraction(name: str, value: float, frustum: ViewFrustum | Body) -> Array:

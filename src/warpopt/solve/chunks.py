@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,8 +19,10 @@ _CHUNK_ELSEWHERE = 4_194_304
 _BLOCK = 1_048_576
 
 
-def in_chunks(function: Callable[..., PyTree], *args: PyTree) -> PyTree:
-    """function(*args) for an elementwise function of arrays that broadcast; results have their joint shape.
+def in_chunks(function: Callable[..., PyTree], args: PyTree, *static: Any) -> PyTree:
+    """function(*args, *static) for an elementwise function of arrays that broadcast, under `jax.jit`.
+
+    Results have the arrays' joint shape.
 
     Arguments of one element stay single, so that what depends on them alone is computed once (a sweep of directions
     under one frustum shares its depth integrals).
@@ -29,7 +32,7 @@ def in_chunks(function: Callable[..., PyTree], *args: PyTree) -> PyTree:
     size = math.prod(shape)
     chunk = _CHUNK.get(jax.default_backend(), _CHUNK_ELSEWHERE)
     if size <= chunk:
-        return jax.tree.map(lambda out: jnp.broadcast_to(out, shape), function(*args))
+        return jax.tree.map(lambda out: jnp.broadcast_to(out, shape), function(*args, *static))
     count = -(-size // chunk)
     chunk = -(-size // count)  # equal pieces: no padding to speak of
     single = [leaf.size == 1 for leaf in leaves]
@@ -44,19 +47,19 @@ def in_chunks(function: Callable[..., PyTree], *args: PyTree) -> PyTree:
         rest = iter(parts)
         whole = [leaf.reshape(()) if one else next(rest) for leaf, one in zip(leaves, single, strict=True)]
         return jax.tree.map(
-            lambda out: jnp.broadcast_to(out, (chunk,)), function(*jax.tree.unflatten(structure, whole))
+            lambda out: jnp.broadcast_to(out, (chunk,)), function(*jax.tree.unflatten(structure, whole), *static)
         )
 
     return jax.tree.map(lambda out: out.ravel()[:size].reshape(shape), jax.lax.map(one_chunk, many))
 
 
-def in_blocks(compiled: Callable[..., PyTree], *args: PyTree) -> PyTree:
-    """compiled(*args) like `in_chunks`, for concrete arrays of any size; a traced or smaller batch is one call."""
+def in_blocks(compiled: Callable[..., PyTree], args: PyTree, *static: Any) -> PyTree:
+    """compiled(*args, *static) like `in_chunks`, for concrete arrays of any size; one call if traced, or small."""
     leaves, structure = jax.tree.flatten(args)
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in leaves))
     size = math.prod(shape)
     if size <= _BLOCK or any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
-        return compiled(*args)
+        return compiled(*args, *static)
     flat = [leaf if leaf.size == 1 else np.broadcast_to(leaf, shape).reshape(-1) for leaf in map(np.asarray, leaves)]
     results: list[np.ndarray] = []
 
@@ -69,7 +72,7 @@ def in_blocks(compiled: Callable[..., PyTree], *args: PyTree) -> PyTree:
     pending = None
     for start in range(0, size, _BLOCK):
         block = [leaf if leaf.size == 1 else _padded(leaf[start : start + _BLOCK]) for leaf in flat]
-        parts, parts_structure = jax.tree.flatten(compiled(*jax.tree.unflatten(structure, block)))
+        parts, parts_structure = jax.tree.flatten(compiled(*jax.tree.unflatten(structure, block), *static))
         if pending:
             keep(*pending)  # while the block just started is being computed
         pending = start, parts

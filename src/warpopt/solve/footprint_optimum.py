@@ -19,10 +19,10 @@ import optimistix as optx
 from jaxtyping import Array, Float, Int
 
 from .._numerics import horner
+from ..objective import Objective
 from ..receivers.footprint import Footprint
-from ..receivers.whole_frustum import Moments
-from ..theory.error_norm import ErrorNorm
-from ..theory.light_space import Depth
+from ..receivers.moments import Moments
+from ..theory.light_space import LightDepth
 from .bracketed_newton import BracketedNewton
 from .outcome import Outcome
 
@@ -49,14 +49,14 @@ class LogNorm(eqx.Module):
 
     footprint: Footprint
     terms: tuple[Term, ...]
-    norm: ErrorNorm | None = eqx.field(static=True)  # the L_P norm; None for L-inf
+    objective: Objective | None = eqx.field(static=True)  # the L_P norm; None for L-inf
 
     def active(self, u: Float[Array, ""]) -> Active:
         """What rules at u."""
         eta = jnp.exp(u)
         blend = self.footprint.sides.depth.blend(eta)
         right, left = (jnp.argmax(side / blend) for side in (self.footprint.sides.right, self.footprint.sides.left))
-        if self.norm is not None:
+        if self.objective is not None:
             return Active(jnp.zeros((), int), jnp.zeros((), int), right, left)
         receivers = [self._receivers(term, eta) for term in self.terms]
         best = [jnp.argmax(values) for values in receivers]
@@ -69,9 +69,9 @@ class LogNorm(eqx.Module):
 
     def value(self, u: Float[Array, ""], active: Active) -> Float[Array, ""]:
         """The logarithm on the smooth piece on which `active` rules."""
-        if self.norm is not None:
+        if self.objective is not None:
             (term,) = self.terms
-            mean = jnp.log(self.footprint.moments.power_mean(jnp.exp(u), self.norm))
+            mean = jnp.log(self.footprint.moments.power_mean(jnp.exp(u), self.objective))
             return mean + self._scale(term, u, active.right, active.left)
         pieces = [
             self._receivers(term, jnp.exp(u))[active.receiver] + self._scale(term, u, active.right, active.left)
@@ -88,8 +88,8 @@ class LogNorm(eqx.Module):
             if len(self.terms) == 1
             else (jnp.array([getattr(t, name) for t in self.terms])[active.term] for name in ("alpha", "beta"))
         )
-        if self.norm is not None:
-            top = _polynomial_slope(self.footprint.moments, eta) / self.norm.order
+        if self.objective is not None:
+            top = _polynomial_slope(self.footprint.moments, eta) / self.objective.order
         else:
             top = (2 * alpha + beta) * _eta_share(self.footprint.nearest.depth, active.receiver, eta)
         if not any(t.beta for t in self.terms):
@@ -120,7 +120,7 @@ class LogNorm(eqx.Module):
         return total + term.beta * jnp.where(width > 0, jnp.log(jnp.where(width > 0, width, 1)), -jnp.inf)
 
 
-def _eta_share(depth: Depth, i: Array, eta: Array) -> Array:
+def _eta_share(depth: LightDepth, i: Array, eta: Array) -> Array:
     """d log A / d log eta of one entry: the eta part of A over A."""
     part = depth.one_minus_delta[i] * eta
     return part / (part + depth.delta[i])
@@ -147,7 +147,7 @@ class FootprintOptimum(NamedTuple):
     margin: Float[Array, ""]
 
 
-def minimise(log_norm: LogNorm, min_eta: float) -> FootprintOptimum:
+def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> FootprintOptimum:
     """The global minimiser, the largest where minima are flat.
 
     The margin is d log(norm) / d log(eta) just below eta = 1, alpha (1 - 2 dbar) + beta (delta_w - dbar): a warp helps
@@ -158,7 +158,7 @@ def minimise(log_norm: LogNorm, min_eta: float) -> FootprintOptimum:
     eps = float(jnp.finfo(dtype).eps)
     unbounded_below = all(term.alpha == 0 for term in fixed.terms)
     # E_p alone grows as eta falls, so that its optimum has no floor but the dtype's.
-    floor = jnp.asarray(min_eta if unbounded_below else eps**2, dtype)
+    floor = min_eta.astype(dtype) if unbounded_below else jnp.asarray(eps**2, dtype)
     lower, upper = jnp.log(floor), jnp.asarray(-4 * eps**0.5, dtype)
 
     def rise(u, _):

@@ -1,224 +1,144 @@
-"""The optimal warp: frustum and light in, eta with its certificate out."""
+"""The optimal warp, and the norm of any: a view and an objective in, eta with its certificate out."""
 
-import functools
-
-import equinox as eqx
-import jax
 import jax.numpy as jnp
-from jax.typing import ArrayLike
-from jaxtyping import Array, Float, Int
+import numpy as np
+from jaxtyping import Array, Float
 
-from .._numerics import over, power, staged
-from ..receivers.whole_frustum import Moments, moments
-from ..theory.error_norm import ErrorNorm, Metric
-from ..theory.frustum import ViewFrustum
-from ..theory.light_space import LightSpace, checked_theta
-from ..theory.warp import Warp
-from .chunks import in_blocks, in_chunks
-from .outcome import Outcome, failed
-from .power_mean import minimise_power_mean
-from .quadrature import QuadratureMean, default_nodes, has_moments
-from .supremum import in_units_of_error, minimise_supremum, supremum_norm
-
-
-class Solution(eqx.Module):
-    """An optimal warp and what is known about it.
-
-    Attributes:
-        warp: the optimal `Warp` (eta, lam, mu).
-        value: the minimal norm.
-        result: array of `Outcome`, the mechanism that fixed the optimum or the reason for failure.
-        residual: by how much the equation that fixed eta is violated: |log P+ - log P-| of the stationarity condition,
-            or the relative gap of the tie; 0 for a kink or no warp. Where the optimum is stationary, the condition
-            changes sign once and its slope in log(eta) is at least 1 (moments, L-inf), so that log(eta) is within the
-            residual, and the rounding of evaluating it, of the global optimum.
-
-    Example:
-        >>> import warpopt
-        >>> solution = warpopt.optimal_warp(warpopt.ViewFrustum(1.0, 100.0, 0.5236), 0.0)
-        >>> warpopt.Outcome(int(solution.result)).name, float(solution.warp.eta), float(solution.residual)
-        ('no_warp', 1.0, 0.0)
-    """
-
-    warp: Warp
-    value: Float[Array, "..."]
-    result: Int[Array, "..."]
-    residual: Float[Array, "..."]
+from .._checks import checked, float_arrays
+from ..objective import Objective, objective_or_default
+from ..theory.warp import Warp, refuse_lost
+from ..views import FrustumView, SceneView, refuse_other
+from .chunks import in_blocks
+from .frusta import Method, norms_over_frusta, solve_and_compare, solve_frusta
+from .scene import norms_over_scene, refuse_scene, solve_scene
+from .solution import SceneSolution, Solution, raised, warp_of
 
 
 def optimal_warp(
-    frustum: ViewFrustum,
-    theta: ArrayLike,
-    metric: str | Metric = "p",
-    norm: str | float = "inf",
-    measure: str = "screen",
+    view: FrustumView | SceneView,
+    objective: Objective | None = None,
     *,
+    throw: bool = True,
+    min_eta: float = 1e-4,
     method: str = "auto",
     quadrature_nodes: int | None = None,
-    throw: bool = True,
-) -> Solution:
-    """The warp that minimises the norm of an aliasing error over the view frustum; the global minimum.
+) -> Solution | SceneSolution:
+    """The warp that minimises the norm of an aliasing error over what is seen; the global minimum.
 
     Args:
-        frustum: the view frustum, of any shape that broadcasts with theta.
-        theta: angle between light and view direction, radians in [0, pi]; mirror-symmetric about pi/2.
-        metric: "p", "q", "pxq" or `Metric(alpha, beta)`.
-        norm: "inf", "l1", "l2" or any real order >= 1 (a power mean over the measure).
-        measure: "volume", "screen", "log_depth", "ground" or "axis".
-        method: "auto" solves in closed form what has one; "iterative" forces the root finder everywhere.
-        quadrature_nodes: nodes over the depth for norms whose M = (2 alpha + beta) order is not an integer, which are
-            integrated numerically (default: 64, and more for large orders, whose integrands peak; beyond an order of
-            about 100 give more, or the outcome is `inaccurate`); given, it forces that for every L_P norm.
-        throw: raise if any problem failed; otherwise `Solution.result` tells.
+        view: a `FrustumView`, of any shape, or a `SceneView`; `jax.vmap` over more of these (with `throw=False`).
+        objective: E_p in L-inf if None. Over a frustum one product of E_p and E_q; over a scene an order that makes
+            (2 alpha + beta) order an integer.
+        throw: raise if any problem failed; otherwise the solution's `result` tells.
+        min_eta: over a scene, the smallest eta, for metrics without E_p, whose infimum may be at eta = 0
+            (`Outcome.unbounded`). A whole frustum has no such case.
+        method: over a frustum, "auto" solves in closed form what has one; "iterative" forces the root finder
+            everywhere.
+        quadrature_nodes: over a frustum, nodes over the depth for norms whose M = (2 alpha + beta) order is not an
+            integer, which are integrated numerically (default: 64, and more for large orders, whose integrands peak;
+            beyond an order of about 100 give more, or the outcome is `inaccurate`); given, it forces that for every
+            L_P norm.
 
     Raises:
         ValueError: bad arguments, or a norm whose optimum could not be certified.
         RuntimeError: a failed solve, with `throw` (`equinox.EquinoxRuntimeError` when traced).
 
-    Derivatives (jvp, grad) of eta, lam and value in near, far, half_fov and theta are implicit: of the root, the tie or
-    the kink that fixed eta; zero where it is clamped to no warp.
+    No receivers, receivers at one depth, or a light along the view are outcomes and no errors. Derivatives (jvp, grad)
+    of eta, lam and value are implicit: of the root, the tie or the kink that fixed eta; zero where it is clamped to no
+    warp.
 
     Example:
         >>> import warpopt
         >>> frustum = warpopt.ViewFrustum(near=1.0, far=100.0, half_fov=0.5236)
-        >>> solution = warpopt.optimal_warp(frustum, 1.5707963, metric="p", norm="inf")
+        >>> solution = warpopt.optimal_warp(warpopt.FrustumView(frustum, 1.5707963))
         >>> round(float(solution.warp.lam), 3)   # n + sqrt(f n), LiSPSM's
         11.0
     """
-    if method not in ("auto", "iterative"):
-        raise ValueError(f"method: got {method!r}, expected 'auto' or 'iterative'")
-    error_norm = ErrorNorm.of(metric, norm, measure)
-    nodes = _checked_nodes(quadrature_nodes)
-    solve = functools.partial(_solve, norm=error_norm, iterative=method == "iterative", nodes=nodes)
-    solution = in_blocks(solve, frustum, checked_theta(theta, frustum))
-    return _raised(solution) if throw else solution
+    refuse_other(view)
+    objective = objective_or_default(objective)
+    how = _checked_method(method, quadrature_nodes)
+    if isinstance(view, FrustumView):
+        objective.metric  # noqa: B018, raises: one term
+        solution = in_blocks(solve_frusta, (view.frustum, view.theta), objective, how)
+    else:
+        if how != Method():
+            raise ValueError(f"method, quadrature_nodes: got {method!r}, {quadrature_nodes!r}, which are a frustum's")
+        refuse_scene(view, objective)
+        solution = solve_scene(view, objective, checked_min_eta(min_eta))
+    return raised(solution) if throw else solution
 
 
 def error_norm(
-    frustum: ViewFrustum,
-    theta: ArrayLike,
-    warp: Warp,
-    metric: str | Metric = "p",
-    norm: str | float = "inf",
-    measure: str = "screen",
+    view: FrustumView | SceneView,
+    warp: Warp | Solution | SceneSolution,
+    objective: Objective | None = None,
     *,
     quadrature_nodes: int | None = None,
 ) -> Float[Array, "..."]:
-    """The norm of an aliasing error over the view frustum, for any warp. Arguments and errors as `optimal_warp`.
-
-    Example:
-        >>> import warpopt
-        >>> frustum = warpopt.ViewFrustum(near=1.0, far=100.0, half_fov=0.5236)
-        >>> unwarped = error_norm(frustum, 1.5707963, warpopt.rules.ssm(frustum, 1.5707963))
-        >>> best = warpopt.optimal_warp(frustum, 1.5707963).value
-        >>> round(float(unwarped / best), 2)
-        10.0
-    """
-    evaluate = functools.partial(
-        _norm_of, norm=ErrorNorm.of(metric, norm, measure), nodes=_checked_nodes(quadrature_nodes)
-    )
-    return in_blocks(evaluate, frustum, checked_theta(theta, frustum), warp.eta)
-
-
-def compare_warps(
-    frustum: ViewFrustum,
-    theta: ArrayLike,
-    warps: Warp,
-    metric: str | Metric = "p",
-    norm: str | float = "inf",
-    measure: str = "screen",
-) -> tuple[Solution, Float[Array, "..."]]:
-    """The optimal warp and the norms of other warps, in one compiled call that shares what both need.
+    """The norm of an aliasing error over what is seen, for any warp: what `optimal_warp` minimises.
 
     Args:
-        warps: the warps to compare with, of the problem's shape or with axes of their own in front of it.
-        frustum, theta, metric, norm, measure: as in `optimal_warp`.
+        view, objective, quadrature_nodes: as for `optimal_warp`.
+        warp: of any shape; over a frustum one that broadcasts with the view's. A warp that was made for another body
+            keeps its apex: see `Warp.over`.
 
     Raises:
-        ValueError: as `optimal_warp`. Failed solves are told by `Solution.result`.
+        ValueError: as `optimal_warp`, or an apex that is not before the receivers (NaN when traced).
 
     Example:
         >>> import warpopt
-        >>> frustum = warpopt.ViewFrustum(near=1.0, far=100.0, half_fov=0.5236)
-        >>> best, value = compare_warps(frustum, 1.5707963, warpopt.rules.ssm(frustum, 1.5707963))
-        >>> round(float(value / best.value), 2)
+        >>> view = warpopt.FrustumView(warpopt.ViewFrustum(near=1.0, far=100.0, half_fov=0.5236), 1.5707963)
+        >>> unwarped = warpopt.error_norm(view, warpopt.Warp.from_eta(1.0, view))
+        >>> round(float(unwarped / warpopt.optimal_warp(view).value), 2)
         10.0
     """
-    return _compare(frustum, checked_theta(theta, frustum), warps.eta, ErrorNorm.of(metric, norm, measure))
+    refuse_other(view)
+    warp = warp_of(warp)
+    objective = objective_or_default(objective)
+    how = _checked_method("auto", quadrature_nodes)
+    if isinstance(view, FrustumView):
+        objective.metric  # noqa: B018, raises: one term
+        values, lost = in_blocks(norms_over_frusta, (view.frustum, view.theta, warp), objective, how)
+    else:
+        if how != Method():
+            raise ValueError(f"quadrature_nodes: got {quadrature_nodes!r}, which are a frustum's")
+        refuse_scene(view, objective)
+        values, lost = norms_over_scene(view, warp, objective)
+    refuse_lost(lost)
+    return values
 
 
-def _checked_nodes(nodes: int | None) -> int | None:
+def optimum_and_norms(
+    view: FrustumView, eta: Float[Array, "R ..."], objective: Objective
+) -> tuple[Solution, Float[Array, "R ..."]]:
+    """The optima over frusta, and the norms of R other warps over V for each, in one call that shares what both need.
+
+    Args:
+        view: of any shape.
+        eta: of each warp, for each problem.
+        objective: as for `optimal_warp`. Failed solves are told by `Solution.result`.
+    """
+    solution, values = in_blocks(solve_and_compare, (view.frustum, view.theta, list(eta)), objective)
+    return solution, jnp.stack(values)
+
+
+def checked_min_eta(min_eta: float) -> Array:
+    """The floor of eta as an array.
+
+    Raises:
+        ValueError: no number in (0, 1).
+    """
+    if isinstance(min_eta, float) and 0 < min_eta < 1:  # what it nearly always is, without a step on the device
+        return np.asarray(min_eta)
+    (value,) = float_arrays(min_eta=min_eta)
+    if value.shape:
+        raise ValueError(f"min_eta: got shape {value.shape}, expected one number")
+    return checked("min_eta", value, lambda v: (v > 0) & (v < 1), "a number in (0, 1)")
+
+
+def _checked_method(method: str, nodes: int | None) -> Method:
+    if method not in ("auto", "iterative"):
+        raise ValueError(f"method: got {method!r}, expected 'auto' or 'iterative'")
     if nodes is not None and (isinstance(nodes, bool) or not isinstance(nodes, int) or nodes < 2):
         raise ValueError(f"quadrature_nodes: got {nodes!r}, expected an integer >= 2, or None")
-    return nodes
-
-
-def _prepared(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, nodes: int | None):
-    """The light space, and for L_P norms their few numbers."""
-    space = staged(LightSpace, frustum, theta)
-    if norm.supremum:
-        return space, None
-    if has_moments(norm) and nodes is None:
-        return space, staged(functools.partial(moments, norm=norm), space)
-    return space, QuadratureMean(space, norm, nodes or default_nodes(norm))
-
-
-def _norm(space: LightSpace, mean, eta: Array, norm: ErrorNorm) -> Array:
-    if norm.supremum:
-        return supremum_norm(space, eta, norm)
-    return in_units_of_error(space, eta, over(mean.power_mean(eta, norm), power(eta, norm.metric.alpha)), norm)
-
-
-@functools.partial(jax.jit, static_argnames=("norm", "nodes"))
-def _norm_of(frustum: ViewFrustum, theta: Array, eta: Array, norm: ErrorNorm, nodes: int | None) -> Array:
-    def evaluate(frustum: ViewFrustum, theta: Array, eta: Array) -> Array:
-        space, mean = _prepared(frustum, theta, norm, nodes)
-        return _norm(space, mean, eta, norm)
-
-    return in_chunks(evaluate, frustum, theta, eta)
-
-
-@functools.partial(jax.jit, static_argnames=("norm", "iterative", "nodes"))
-def _solve(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool, nodes: int | None) -> Solution:
-    return in_chunks(functools.partial(_solve_chunk, norm=norm, iterative=iterative, nodes=nodes), frustum, theta)
-
-
-@functools.partial(jax.jit, static_argnames=("norm",))
-def _compare(frustum: ViewFrustum, theta: Array, eta: Array, norm: ErrorNorm) -> tuple[Solution, Array]:
-    space, mean = _prepared(frustum, theta, norm, None)
-    solution, values = _solution(space, mean, norm, iterative=False), _norm(space, mean, eta, norm)
-    return jax.tree.map(lambda a: jnp.broadcast_to(a, solution.value.shape), solution), values
-
-
-def _solve_chunk(frustum: ViewFrustum, theta: Array, norm: ErrorNorm, iterative: bool, nodes: int | None) -> Solution:
-    space, mean = _prepared(frustum, theta, norm, nodes)
-    return _solution(space, mean, norm, iterative)
-
-
-def _solution(space: LightSpace, mean, norm: ErrorNorm, iterative: bool) -> Solution:
-    if norm.supremum:
-        optimum = minimise_supremum(space, norm, iterative)
-    elif isinstance(mean, Moments):
-        optimum = minimise_power_mean(space, mean, norm, iterative)
-    else:
-        optimum = mean.minimise()
-    value = _norm(space, mean, optimum.eta, norm)
-    finite = jnp.isfinite(value) & jnp.isfinite(optimum.eta)
-    outcome = jnp.where(optimum.eta < 1, optimum.outcome, jnp.maximum(optimum.outcome, Outcome.no_warp))
-    outcome = jnp.where(finite, outcome, Outcome.not_finite).astype(jnp.int32)
-    # A failure must not pass for "no warp".
-    eta, one_minus_eta = (jnp.where(finite, v, jnp.nan) for v in (optimum.eta, optimum.one_minus_eta))
-    return Solution(Warp(eta, one_minus_eta, space.mu, jnp.ones((), bool)), value, outcome, optimum.residual)
-
-
-def _raised(solution: Solution) -> Solution:
-    bad = failed(solution.result)
-    words = "optimal_warp failed; pass throw=False to get Solution.result, an array of warpopt.Outcome"
-    if isinstance(bad, jax.core.Tracer):
-        return eqx.error_if(solution, bad, words)
-    if bool(bad.any()):
-        first = Outcome(int(solution.result[bad].ravel()[0]))
-        raise RuntimeError(
-            f"{int(bad.sum())} of {bad.size} problems failed, the first thus: {first.sentence} ({words})"
-        )
-    return solution
+    return Method(method == "iterative", nodes)

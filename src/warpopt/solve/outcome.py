@@ -1,9 +1,12 @@
 """How a solve ended."""
 
 import enum
+import functools
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Bool
 
 
 class Outcome(enum.IntEnum):
@@ -11,7 +14,7 @@ class Outcome(enum.IntEnum):
 
     Example:
         >>> Outcome(3).name, Outcome(3).succeeded, Outcome(3).sentence
-        ('no_warp', True, 'No warp (eta = 1) is optimal.')
+        ('no_warp', True, 'eta = 1 (no warp) minimises the norm.')
     """
 
     stationary = 0
@@ -31,14 +34,15 @@ class Outcome(enum.IntEnum):
 
     @property
     def succeeded(self) -> bool:
-        return self <= Outcome.empty
+        """Whether the warp is the optimum, or nothing needs one; not whether there is something to warp."""
+        return self not in (Outcome.not_converged, Outcome.inaccurate, Outcome.not_finite)
 
 
 _SENTENCES = {
     Outcome.stationary: "The norm is stationary at the optimum.",
     Outcome.tie: "At the optimum two errors are equal: a near and a far receiver's, or E_p and E_q in their maximum.",
     Outcome.kink: "At the optimum near and far receivers span the width of the shadow map together.",
-    Outcome.no_warp: "No warp (eta = 1) is optimal.",
+    Outcome.no_warp: "eta = 1 (no warp) minimises the norm.",
     Outcome.flat: "All receivers lie at one depth along the warp's axis: there is nothing to warp.",
     Outcome.unbounded: "The norm falls as eta goes to 0: eta is the floor that was asked for (min_eta).",
     Outcome.empty: "There are no receivers: nothing needs a shadow map.",
@@ -48,5 +52,11 @@ _SENTENCES = {
 }
 
 
-def failed(result: Int[Array, "..."]) -> Bool[Array, "..."]:
-    return jnp.asarray(result) > Outcome.empty
+_FAILURES = tuple(outcome for outcome in Outcome if not outcome.succeeded)
+
+
+def failed(result: ArrayLike) -> Bool[Array, "..."]:
+    """Which of an array of outcomes are failures: the one test for them, on the host and when traced."""
+    xp = np if isinstance(result, np.ndarray) else jnp
+    result = xp.asarray(result)
+    return functools.reduce(xp.logical_or, [result == outcome for outcome in _FAILURES])

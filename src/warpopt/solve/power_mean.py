@@ -4,26 +4,26 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .._numerics import smaller
-from ..receivers.whole_frustum import Moments
-from ..theory.error_norm import ErrorNorm
+from ..objective import Objective
+from ..receivers.moments import Moments
 from ..theory.light_space import LightSpace
+from .closed_form import Optimum, kink
 from .outcome import Outcome
 from .sign_change import Polynomial, log_ratio, on_lanes, positive_root, value_over_leading
-from .supremum import Optimum, kink
 
 
-def stationarity(moments: Moments, norm: ErrorNorm, piece: tuple[Array, Array]) -> Polynomial:
-    """eta' L dJ^P/d eta' up to a positive factor, on L = c eta' + d: one sign change in its coefficients.
+def stationarity(moments: Moments, objective: Objective, line: tuple[Array, Array]) -> Polynomial:
+    """eta' L dJ^P/d eta' up to a positive factor, where L = c eta' + d (`line`): one sign change in its coefficients.
 
     The coefficient of eta'^(M-j+1) is c B_j (alpha P - j) + d B_(j-1) (r P - j + 1); without E_q, L drops out. Merging
     equal powers before splitting by sign is what makes the log-ratio monotone.
     """
-    alpha, r = norm.metric.alpha * norm.order, norm.metric.depth_power * norm.order
+    alpha, r = objective.metric.alpha * objective.order, objective.metric.depth_power * objective.order
     B, M = moments.coefficients, len(moments.coefficients) - 1
-    if not norm.metric.beta:
+    if not objective.metric.beta:
         terms = [(M - j, [(alpha - j) * B[j]]) for j in range(M + 1) if alpha != j]
         return tuple(p for p, _ in terms), tuple(c[0] for _, c in terms)
-    c, d = piece
+    c, d = line
     terms = []
     for j in range(M + 2):
         parts = [c * B[j] * (alpha - j)] if j <= M and alpha != j else []
@@ -33,22 +33,22 @@ def stationarity(moments: Moments, norm: ErrorNorm, piece: tuple[Array, Array]) 
     return tuple(p for p, _ in terms), tuple(c for _, c in terms)
 
 
-def minimise_power_mean(space: LightSpace, moments: Moments, norm: ErrorNorm, iterative: bool) -> Optimum:
+def minimise_power_mean(space: LightSpace, moments: Moments, objective: Objective, iterative: bool) -> Optimum:
     """The global minimiser of the L_P norm, the largest where minima are flat.
 
     Signs decide first, one evaluation each: at eta = 1 whether a warp helps at all, at the kink which side the optimum
     is on, or that it is the kink itself (common: for E_q L2 in a third to a half of all scenes).
     """
     far = space.edge(0.0)[1]
-    top = stationarity(moments, norm, (far.one_minus_delta * moments.scale, far.delta))
+    top = stationarity(moments, objective, (far.one_minus_delta * moments.scale, far.delta))
     rise, terms = value_over_leading(top, 1 / moments.scale)
     # A rise within rounding of zero is a flat optimum: the largest eta is returned, no warp. Each term carries a few
     # roundings of its coefficient and one of the sum.
     helps = rise > 4 * len(top[0]) * jnp.finfo(rise.dtype).eps * terms
     chosen, at_kink = top, jnp.zeros(rise.shape, bool)
-    if norm.metric.beta:
+    if objective.metric.beta:
         bend = kink(space)
-        low = stationarity(moments, norm, (1.0, 0.0))
+        low = stationarity(moments, objective, (1.0, 0.0))
         above, _ = value_over_leading(top, bend / moments.scale)
         below, _ = value_over_leading(low, bend / moments.scale)
         under = (bend > 0) & (above > 0)
@@ -59,7 +59,7 @@ def minimise_power_mean(space: LightSpace, moments: Moments, norm: ErrorNorm, it
     root, converged = positive_root(chosen, iterative)
     eta = jnp.where(searched, root * moments.scale, 1)
     outcome = jnp.where(searched, jnp.where(converged, Outcome.stationary, Outcome.not_converged), Outcome.no_warp)
-    if norm.metric.beta:
+    if objective.metric.beta:
         at_kink = helps & at_kink
         eta = jnp.where(at_kink, bend, eta)
         outcome = jnp.where(at_kink, Outcome.kink, outcome)

@@ -13,27 +13,27 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..objective import Objective
 from ..receivers.depth_integrals import log_depth_nodes
-from ..theory.error_norm import ErrorNorm
-from ..theory.light_space import Depth, LightSpace
+from ..theory.light_space import LightDepth, LightSpace
 from .bracketed_newton import increasing_root
+from .closed_form import Optimum, kink
 from .outcome import Outcome
-from .supremum import Optimum, kink
 
 _LARGEST_MOMENT_DEGREE = 16
 
 
-def has_moments(norm: ErrorNorm) -> bool:
+def has_moments(objective: Objective) -> bool:
     """Whether the norm's M is an integer, and small enough for its binomials to cost no digits."""
-    return norm.blend_degree == round(norm.blend_degree) and norm.blend_degree <= _LARGEST_MOMENT_DEGREE
+    return objective.blend_degree == round(objective.blend_degree) and objective.blend_degree <= _LARGEST_MOMENT_DEGREE
 
 
-def default_nodes(norm: ErrorNorm) -> int:
+def default_nodes(objective: Objective) -> int:
     """Enough for rounding up to f/n = 1e12 at small orders; large orders peak over a width of 1/M."""
-    return min(64 + round(norm.blend_degree), 256)
+    return min(64 + round(objective.blend_degree), 256)
 
 
-class _Piece(NamedTuple):
+class _Line(NamedTuple):
     """L = c eta + d."""
 
     c: Float[Array, "..."]
@@ -44,26 +44,26 @@ class QuadratureMean(eqx.Module):
     """The power mean of A z^(-r/k) over the whole frustum, and its minimisation, by tensor quadrature."""
 
     space: LightSpace
-    norm: ErrorNorm = eqx.field(static=True)
+    objective: Objective = eqx.field(static=True)
     nodes: int = eqx.field(static=True)
 
-    def power_mean(self, eta: Float[Array, "..."], norm: ErrorNorm) -> Float[Array, "..."]:
+    def power_mean(self, eta: Float[Array, "..."], objective: Objective) -> Float[Array, "..."]:
         """(integral of A^M (z/n)^-rP dm / integral of dm)^(1/P)."""
-        (log_total,) = _log_integrals(self, eta, norm.blend_degree, lambda delta, rest: (1.0,))
-        return jnp.exp((log_total - _log_mass(self)) / norm.order)
+        (log_total,) = _log_integrals(self, eta, objective.blend_degree, lambda delta, rest: (1.0,))
+        return jnp.exp((log_total - _log_mass(self)) / objective.order)
 
     def minimise(self) -> Optimum:
         """The global minimiser: signs at eta = 1 and at the kink first, then one bracketed root."""
-        norm, space = self.norm, self.space
+        objective, space = self.objective, self.space
         zero = jnp.zeros_like(space.mu)
         far = space.edge(0.0)[1]
-        low = _Piece(1 + zero, zero)
-        top = _Piece(far.one_minus_delta + zero, far.delta + zero) if norm.metric.beta else _Piece(zero, 1 + zero)
-        bend = kink(space) + zero if norm.metric.beta else zero
+        low = _Line(1 + zero, zero)
+        top = _Line(far.one_minus_delta + zero, far.delta + zero) if objective.metric.beta else _Line(zero, 1 + zero)
+        bend = kink(space) + zero if objective.metric.beta else zero
         bent = bend > 0
         log_bend = jnp.log(jnp.where(bent, bend, 1))
         # The three signs in one evaluation, as a batch.
-        at_one, above, below = jax.vmap(lambda u, piece: _condition(u, (self, piece)))(
+        at_one, above, below = jax.vmap(lambda u, line: _condition(u, (self, line)))(
             jnp.stack([zero, log_bend, log_bend]), jax.tree.map(lambda *a: jnp.stack(a), top, top, low)
         )
         # A rise within rounding of zero is a flat optimum: the largest eta is returned, no warp. The logarithms of the
@@ -72,42 +72,42 @@ class QuadratureMean(eqx.Module):
         under = bent & (above > 0)
         at_kink = helps & under & (below <= 0)
         searched = helps & ~at_kink
-        piece = _choose(under, low, top)
-        # On a piece through the origin, or a constant one, the slope in log(eta) is at least 1.
+        line = _choose(under, low, top)
+        # On a line through the origin, or a constant one, the slope in log(eta) is at least 1.
         rise = jnp.where(under, below, at_one)
         upper = jnp.where(searched & under, log_bend, 0)
         lower = jnp.where(searched, jnp.where(bent & ~under, log_bend, upper - rise), 0)
-        u, converged = increasing_root(_condition, (self, piece), lower, upper)
+        u, converged = increasing_root(_condition, (self, line), lower, upper)
         u = jnp.where(searched, u, 0)
         eta = jnp.where(at_kink, bend, jnp.exp(u))
         outcome = jnp.where(searched, jnp.where(converged, Outcome.stationary, Outcome.not_converged), Outcome.no_warp)
         outcome = jnp.where(at_kink, Outcome.kink, outcome)
-        condition = jnp.where(searched, _condition(u, (self, piece)), 0)
+        condition = jnp.where(searched, _condition(u, (self, line)), 0)
         # Far above rounding, far below what a user could see: 7e-11 in float64, 3e-5 in float32.
-        accurate = self._error_estimate(eta, u, piece, condition) < float(jnp.finfo(zero.dtype).eps) ** 0.65
+        accurate = self._error_estimate(eta, u, line, condition) < float(jnp.finfo(zero.dtype).eps) ** 0.65
         outcome = jnp.where(accurate, outcome, Outcome.inaccurate)
         return Optimum(eta, jnp.where(at_kink, 1 - eta, -jnp.expm1(u)), outcome, jnp.abs(condition))
 
-    def _error_estimate(self, eta: Array, u: Array, piece: _Piece, condition: Array) -> Array:
+    def _error_estimate(self, eta: Array, u: Array, line: _Line, condition: Array) -> Array:
         """Change of the norm (relative) and of the stationarity condition from a rule of two thirds of the nodes."""
-        coarse = QuadratureMean(self.space, self.norm, 2 * self.nodes // 3)
-        norms = self.power_mean(eta, self.norm) / coarse.power_mean(eta, self.norm) - 1
-        conditions = jnp.where(condition == 0, 0, condition - _condition(u, (coarse, piece)))
+        coarse = QuadratureMean(self.space, self.objective, 2 * self.nodes // 3)
+        norms = self.power_mean(eta, self.objective) / coarse.power_mean(eta, self.objective) - 1
+        conditions = jnp.where(condition == 0, 0, condition - _condition(u, (coarse, line)))
         return jnp.maximum(jnp.abs(norms), jnp.abs(conditions))
 
 
-def _choose(first: Array, one: _Piece, other: _Piece) -> _Piece:
-    return _Piece(*(jnp.where(first, p, q) for p, q in zip(one, other, strict=True)))
+def _choose(first: Array, one: _Line, other: _Line) -> _Line:
+    return _Line(*(jnp.where(first, p, q) for p, q in zip(one, other, strict=True)))
 
 
-def _condition(u: Array, args: tuple[QuadratureMean, _Piece]) -> Array:
+def _condition(u: Array, args: tuple[QuadratureMean, _Line]) -> Array:
     """log P+ - log P- of eta L dJ/d eta: increasing through its only zero.
 
     P+ = (alpha c eta + r d) eta int A^(M-1) (1 - delta), P- = (r c eta + alpha d) int A^(M-1) delta.
     """
     mean, (c, d) = args
-    alpha, r = mean.norm.metric.alpha, mean.norm.metric.depth_power
-    eta, power = jnp.exp(u), mean.norm.blend_degree - 1
+    alpha, r = mean.objective.metric.alpha, mean.objective.metric.depth_power
+    eta, power = jnp.exp(u), mean.objective.blend_degree - 1
     rest, delta = _log_integrals(mean, eta, power, lambda delta, rest: (rest, delta))
     plus, minus = alpha * c * eta + r * d, r * c * eta + alpha * d
     possible = plus > 0
@@ -117,17 +117,17 @@ def _condition(u: Array, args: tuple[QuadratureMean, _Piece]) -> Array:
 
 def _log_integrals(mean: QuadratureMean, eta: Array, power: float, factors) -> list[Array]:
     """log of the integrals of A^power F (z/n)^-Q du dz/(f - n), one for each F of factors(delta, 1 - delta)."""
-    space, norm, nodes = mean.space, mean.norm, mean.nodes
+    space, objective, nodes = mean.space, mean.objective, mean.nodes
     p, q, weight, log_z = log_depth_nodes(nodes, space.log_ratio, jnp)
     eta = jnp.asarray(eta)[..., None]
 
-    def along(u: float) -> Depth:
+    def along(u: float) -> LightDepth:
         near, far = space.edge(u)
-        return Depth(*(a[..., None] * q + b[..., None] * p for a, b in zip(near, far, strict=True)))
+        return LightDepth(*(a[..., None] * q + b[..., None] * p for a, b in zip(near, far, strict=True)))
 
-    if norm.measure == "axis":
+    if objective.measure == "axis":
         depth = along(0.5)
-        log_terms = power * jnp.log(depth.blend(eta)) + jnp.log(weight) + (1 - norm.depth_exponent) * log_z
+        log_terms = power * jnp.log(depth.blend(eta)) + jnp.log(weight) + (1 - objective.depth_exponent) * log_z
         return _log_sums(log_terms, factors(*depth), 1)
     lower, upper = along(0.0), along(1.0)
     blend = lower.blend(eta)
@@ -142,7 +142,7 @@ def _log_integrals(mean: QuadratureMean, eta: Array, power: float, factors) -> l
     delta, rest = (a[..., None] * u_rest + b[..., None] * u for a, b in ends)
     jacobian = jnp.exp(growth * v) * growth / jnp.expm1(growth) * (heights / 2)
     log_terms = power * (jnp.log(blend)[..., None] + growth * v)
-    log_terms = log_terms + (jnp.log(weight) + (1 - norm.depth_exponent) * log_z)[..., None]
+    log_terms = log_terms + (jnp.log(weight) + (1 - objective.depth_exponent) * log_z)[..., None]
     return _log_sums(log_terms, [jacobian * f for f in factors(delta, rest)], 2)
 
 
@@ -155,4 +155,4 @@ def _log_sums(log_terms: Array, factors, axes: int) -> list[Array]:
 
 def _log_mass(mean: QuadratureMean) -> Array:
     _, _, weight, log_z = log_depth_nodes(mean.nodes, mean.space.log_ratio, jnp)
-    return jnp.log((weight * jnp.exp((1 - mean.norm.volume_exponent) * log_z)).sum(-1))
+    return jnp.log((weight * jnp.exp((1 - mean.objective.volume_exponent) * log_z)).sum(-1))

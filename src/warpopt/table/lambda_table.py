@@ -11,10 +11,12 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from .._checks import checked, float_arrays
-from ..theory.frustum import ViewFrustum
-from ..theory.light_space import LightSpace
+from ..objective import Objective
+from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
-from .look_up import Rows, look_up
+from ..views import FrustumView
+from . import files
+from .lookup import Rows, lookup
 
 Outside = Literal["clamp", "error"]
 
@@ -22,7 +24,7 @@ Outside = Literal["clamp", "error"]
 class LambdaTable(eqx.Module):
     """The optimal warp for every light direction, and for ranges of far/near and of the field of view if asked for.
 
-    Polylines of eta in theta, whose knots move from one far/near to the next; see `look_up.look_up`. Knots may stand
+    Polylines of eta in theta, whose knots move from one far/near to the next; see `lookup.lookup`. Knots may stand
     above eta = 1: a look-up ends at 1, no warp, so that the onset of no warp needs no knot. Directions beyond pi/2 are
     folded, as the frustum is symmetric. Made by `warpopt.build_table`; the numbers are single precision's.
 
@@ -31,7 +33,7 @@ class LambdaTable(eqx.Module):
         half_fov: (H,) half fields of view, radians, increasing; one entry likewise.
         theta: (R, H, N) knots, radians, not decreasing along N.
         knot_eta: (R, H, N) eta at the knots.
-        metric, norm, measure: what is minimised.
+        objective: what is minimised.
         max_slope: bound on |d log(eta) / d theta| that was asked for; inf for none.
         promised: the regret, value/minimum - 1, that nothing in the table's ranges was to exceed, and
         achieved: the largest found, at
@@ -49,9 +51,7 @@ class LambdaTable(eqx.Module):
     half_fov: Float[np.ndarray, " H"]
     theta: Float[np.ndarray, "R H N"]
     knot_eta: Float[np.ndarray, "R H N"]
-    metric: str = eqx.field(static=True)
-    norm: str = eqx.field(static=True)
-    measure: str = eqx.field(static=True)
+    objective: Objective = eqx.field(static=True)
     max_slope: float = eqx.field(static=True)
     promised: float = eqx.field(static=True)
     achieved: float = eqx.field(static=True)
@@ -114,25 +114,30 @@ class LambdaTable(eqx.Module):
         ratio, half_fov = frustum.depth_ratio, frustum.half_fov
         self._check_single(depth_ratio=ratio, half_fov=half_fov)
         eta = self.eta(theta, ratio, half_fov, outside=outside)
-        mu = LightSpace(frustum, jnp.asarray(theta, frustum.near.dtype)).mu
-        return Warp(eta, 1 - eta, mu, jnp.ones((), bool))
+        view = FrustumView(frustum, theta)
+        return Warp(eta, 1 - eta, view.start, view.mu, jnp.ones((), bool))
 
     def save(self, path: str | Path) -> None:
-        """Write it as .npz, .csv or .json; see `warpopt.table.files.save`."""
-        from .files import save
-
-        save(self, path)
-
-    @staticmethod
-    def load(path: str | Path) -> "LambdaTable":
-        """Read it back; see `warpopt.table.files.load`.
+        """Write it as .npz, .csv or .json, by the path's ending: whole or not at all, equal files for equal tables.
 
         Raises:
-            TableFileError (a ValueError): a file that is missing, truncated, edited or foreign.
+            ValueError: another ending.
+            OSError: the file cannot be written; an earlier one is then as it was.
         """
-        from .files import load
+        files.save(self, path)
 
-        return load(path)
+    def encoded(self, path: str | Path) -> bytes:
+        """What `save` writes to the path; raises as it does for the ending."""
+        return files.encoded_table(self, path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> "LambdaTable":
+        """Read it back.
+
+        Raises:
+            DataFileError (a ValueError): a file that is missing, truncated, edited or foreign.
+        """
+        return files.load(path, cls)
 
     def _check_single(self, **values: ArrayLike | None) -> None:
         """Refuse other values of an axis of one row than its own."""
@@ -176,4 +181,4 @@ class LambdaTable(eqx.Module):
                     f"a number in [{low:.6g}, {high:.6g}]",
                 )  # fmt: skip
         by_name = dict(zip(names, others, strict=True))
-        return look_up(theta, by_name.get("depth_ratio"), by_name.get("half_fov"), self.rows, xp)
+        return lookup(theta, by_name.get("depth_ratio"), by_name.get("half_fov"), self.rows, xp)

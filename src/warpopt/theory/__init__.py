@@ -1,1 +1,36 @@
+"""AT09 as pure functions and small frozen modules: view frustum, camera, light, the light's frame, warps, errors."""
 
+from .aliasing import (
+    aggregate,
+    aliasing_error,
+    aliasing_error_uz,
+    errors,
+    local_aliasing_error,
+    projection_factors,
+    screen_coordinates,
+    texture_coordinates,
+)
+from .camera import Camera, DirectionalLight
+from .light_frame import LightFrame
+from .light_space import LightDepth, LightSpace
+from .view_frustum import ViewFrustum
+from .warp import Extent, Warp
+
+__all__ = [
+    "Camera",
+    "DirectionalLight",
+    "Extent",
+    "LightDepth",
+    "LightFrame",
+    "LightSpace",
+    "ViewFrustum",
+    "Warp",
+    "aggregate",
+    "aliasing_error",
+    "aliasing_error_uz",
+    "errors",
+    "local_aliasing_error",
+    "projection_factors",
+    "screen_coordinates",
+    "texture_coordinates",
+]

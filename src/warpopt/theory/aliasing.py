@@ -4,15 +4,17 @@ Units: normalised device coordinates (the screen spans 2) per texture unit (the 
 E (screen pixels / 2) / (map texels).
 """
 
+import functools
+
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from .._numerics import power, smaller
-from .error_norm import Metric
-from .frustum import ViewFrustum
-from .light_space import Depth, LightSpace, checked_theta
-from .warp import Warp
+from .._numerics import larger, power, smaller
+from ..objective import Metric, Objective
+from .light_space import LightDepth, LightSpace, checked_theta
+from .view_frustum import ViewFrustum
+from .warp import Warp, refuse_lost
 
 
 def inverse_width(space: LightSpace, eta: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -25,14 +27,40 @@ def inverse_width(space: LightSpace, eta: Float[Array, "..."]) -> Float[Array, "
     return smaller((1 + space.depth_range) * near.blend(eta), far.blend(eta))
 
 
-def _error(space: LightSpace, warp: Warp, depth: Depth, z: Array, metric: Metric) -> Array:
-    blend = depth.blend(warp.eta)
-    error = jnp.ones_like(blend)
-    if metric.alpha:
-        error = error * power(space.mu / (z * space.tan_phi) * blend * (blend / warp.eta), metric.alpha)
-    if metric.beta:
-        error = error * power(2 * (space.far / z) * (blend / inverse_width(space, warp.eta)), metric.beta)
-    return error
+def errors(
+    blend: Float[Array, "..."], eta: Float[Array, "..."], along: Float[Array, "..."], across: Float[Array, "..."]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """(E_p, E_q) at receivers with z_w in proportion to A = `blend`: AT09 (13), (14), for any camera and light.
+
+    E_p = along A^2 / eta, E_q = across A.
+
+    Args:
+        blend: A = (1 - delta) eta + delta; `LightDepth.blend`.
+        eta: of the warp.
+        along: (screen units per unit slope along the warp) mu / z: E_p without a warp.
+        across: (screen units per unit slope across it) (width that the map spans at A = 1) / z.
+    """
+    return along * blend * (blend / eta), across * blend
+
+
+def aggregate(terms: tuple[Metric, ...], e_p: Float[Array, "..."], e_q: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The largest of E_p^alpha E_q^beta over the terms of a metric."""
+    values = [power(e_p, term.alpha) * power(e_q, term.beta) for term in terms]
+    return functools.reduce(larger, values)
+
+
+def _over(warp: Warp, space: LightSpace) -> Warp:
+    """The warp over V, whatever body it was made for."""
+    own = warp.over(space)
+    refuse_lost(warp.lost_over(own))
+    return own
+
+
+def _error(space: LightSpace, warp: Warp, depth: LightDepth, z: Array, metric: str | Metric) -> Array:
+    eta = _over(warp, space).eta
+    along = space.mu / (z * space.tan_phi)
+    across = 2 * (space.far / z) / inverse_width(space, eta)
+    return aggregate(Objective(metric).terms, *errors(depth.blend(eta), eta, along, across))
 
 
 def aliasing_error(
@@ -45,10 +73,10 @@ def aliasing_error(
     Args:
         frustum, theta, warp: any shapes that broadcast; theta in radians, in [0, pi].
         y, z: eye coordinates, broadcast too; z in [near, far], |y| <= z tan(phi) for points of V.
-        metric: "p", "q", "pxq" or a `Metric`.
+        metric: "p", "q", "pxq", "max" or a `Metric`.
 
     Raises:
-        ValueError: theta outside [0, pi], or an unknown metric.
+        ValueError: theta outside [0, pi], an unknown metric, or a warp of another body whose apex is not before V.
 
     Example:
         >>> import jax.numpy as jnp, warpopt
@@ -59,7 +87,7 @@ def aliasing_error(
     """
     space = LightSpace(frustum, checked_theta(theta, frustum))
     y, z = jnp.asarray(y, space.near.dtype), jnp.asarray(z, space.near.dtype)
-    return _error(space, warp, space.depth_yz(y, z), z, Metric.of(metric))
+    return _error(space, warp, space.depth_yz(y, z), z, metric)
 
 
 def aliasing_error_uz(
@@ -78,7 +106,7 @@ def aliasing_error_uz(
     """
     space = LightSpace(frustum, checked_theta(theta, frustum))
     u, z = jnp.asarray(u, space.near.dtype), jnp.asarray(z, space.near.dtype)
-    return _error(space, warp, space.depth_uz(u, z), z, Metric.of(metric))
+    return _error(space, warp, space.depth_uz(u, z), z, metric)
 
 
 def local_aliasing_error(
@@ -92,16 +120,15 @@ def local_aliasing_error(
     Example:
         >>> import warpopt
         >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
-        >>> warp = warpopt.Warp.from_lam(11.0, mu=99.0)
+        >>> warp = warpopt.Warp.from_lam(11.0, warpopt.FrustumView(frustum, 1.5707963))
         >>> [round(float(local_aliasing_error(frustum, warp, z, "q")), 3) for z in (1.0, 100.0)]
         [20.0, 2.0]
     """
     n, f = frustum.near, frustum.far
     z = jnp.asarray(z, n.dtype)
-    blend = Depth((z - n) / (f - n), (f - z) / (f - n)).blend(warp.eta)
-    metric = Metric.of(metric)
-    e_p = (f - n) / (z * jnp.tan(frustum.half_fov)) * blend * (blend / warp.eta)
-    return power(e_p, metric.alpha) * power(2 * f / z * blend, metric.beta)
+    blend = LightDepth((z - n) / (f - n), (f - z) / (f - n)).blend(warp.eta)
+    e_p, e_q = errors(blend, warp.eta, (f - n) / (z * jnp.tan(frustum.half_fov)), 2 * f / z)
+    return aggregate(Objective(metric).terms, e_p, e_q)
 
 
 def texture_coordinates(
@@ -114,16 +141,16 @@ def texture_coordinates(
     Example:
         >>> import warpopt
         >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
-        >>> warp = warpopt.Warp.from_lam(11.0, mu=99.0)
+        >>> warp = warpopt.Warp.from_lam(11.0, warpopt.FrustumView(frustum, 1.5707963))
         >>> t, s = texture_coordinates(frustum, 1.5707963, warp, 0.0, 0.0, [1.0, 10.0, 100.0])
         >>> [round(float(v), 3) for v in s]   # nine of 99 depths take half the map
         [0.0, 0.5, 1.0]
     """
     space = LightSpace(frustum, checked_theta(theta, frustum))
     x, y, z = (jnp.asarray(v, space.near.dtype) for v in (x, y, z))
-    depth = space.depth_yz(y, z)
-    blend = depth.blend(warp.eta)
-    half_width = space.far * space.tan_phi / inverse_width(space, warp.eta)
+    depth, eta = space.depth_yz(y, z), _over(warp, space).eta
+    blend = depth.blend(eta)
+    half_width = space.far * space.tan_phi / inverse_width(space, eta)
     return 0.5 + x / (2 * half_width * blend), depth.delta / blend
 
 
@@ -170,5 +197,6 @@ def projection_factors(
     space = LightSpace(frustum, theta)
     x, y, z = (jnp.asarray(v, space.near.dtype) for v in (x, y, z))
     rate = jnp.sin(theta) - ky * jnp.cos(theta)  # d z_w / d z along the line
-    x_over_z_w = x * warp.one_minus_eta / (space.mu * space.depth_yz(y, z).blend(warp.eta))
+    own = _over(warp, space)
+    x_over_z_w = x * own.one_minus_eta / (space.mu * space.depth_yz(y, z).blend(own.eta))
     return jnp.abs((kx - x / z) / (kx - x_over_z_w * rate)), jnp.abs((ky - y / z) / rate)

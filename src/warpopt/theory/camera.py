@@ -7,7 +7,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from .._checks import checked, float_arrays
-from .frustum import ViewFrustum
+from .view_frustum import ViewFrustum
 
 
 class Camera(eqx.Module):

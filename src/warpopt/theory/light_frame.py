@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
+from .._checks import checked, float_arrays
 from .camera import Camera, DirectionalLight
 
 
@@ -41,21 +42,24 @@ class LightFrame(eqx.Module):
         self,
         camera: Camera,
         light: DirectionalLight,
-        screen: tuple[int, int] | None = None,
-        shadow_map: tuple[int, int] | None = None,
+        screen: ArrayLike | None = None,
+        shadow_map: ArrayLike | None = None,
     ):
         """The axes for one camera and one light.
 
         Args:
             camera, light: one of each; `jax.vmap` over more.
             screen: (width, height) in pixels, and
-            shadow_map: texels along (t, s), across and along the warp: errors are then pixels per texel. Without them
-                the screen has square pixels and height 2, and the map is 1 by 1, the units of AT09 (13), (14).
+            shadow_map: texels along (t, s), across and along the warp, both arrays or pairs: errors are then pixels
+                per texel. Without them the screen has square pixels and height 2, and the map is 1 by 1, the units of
+                AT09 (13), (14). Traced values are a `SceneView`'s, which has checked them.
 
         Raises:
             ValueError: only one of the two, or not two positive numbers.
         """
-        across, down = _resolutions(camera, screen, shadow_map)
+        if not any(isinstance(value, jax.core.Tracer) for value in (screen, shadow_map)):
+            screen, shadow_map = resolutions(screen, shadow_map)
+        width, height, t, s = _densities(camera, screen, shadow_map)
         l = camera.rotation @ light.direction.astype(camera.rotation.dtype)  # noqa: E741, the paper's letter
         # v = (0, 0, 1): v - l (l.v) = (-lx lz, -ly lz, lx^2 + ly^2), whose length is sin(theta).
         sine_squared = l[0] ** 2 + l[1] ** 2
@@ -77,7 +81,6 @@ class LightFrame(eqx.Module):
         self.theta = jnp.where(parallel, jnp.where(l[2] < 0, jnp.pi, 0.0), jnp.arctan2(sine, l[2]))
         self.parallel = parallel
         dx, dy = x_axis[0], x_axis[1]
-        (width, height), (t, s) = across, down
         self.density_q = jnp.sqrt((dx * width) ** 2 + (dy * height) ** 2) / t
         self.density_p = jnp.sqrt((dy * width) ** 2 + (dx * height) ** 2) / s
 
@@ -89,18 +92,44 @@ class LightFrame(eqx.Module):
         """X_w . c."""
         return points @ self.x_axis
 
+    def eye_depth(self, points: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """What errors are inversely proportional to: z under a directional light."""
+        return points[..., 2]
+
     def along_light(self, points: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """l . c, which grows away from the light."""
         return points @ self.light
 
 
-def _resolutions(camera: Camera, screen, shadow_map) -> tuple[tuple[ArrayLike, ArrayLike], tuple[ArrayLike, ArrayLike]]:
-    """((screen units per unit slope across, and up), (texels along t, s))."""
-    left, right, bottom, top = camera.window
-    if screen is None and shadow_map is None:
-        density = 2 / (top - bottom)
-        return (density, density), (1, 1)
+def resolutions(
+    screen: ArrayLike | None, shadow_map: ArrayLike | None
+) -> tuple[Float[Array, "2"] | None, Float[Array, "2"] | None]:
+    """Both as arrays, or neither.
+
+    Raises:
+        ValueError: only one of the two, or not two positive finite numbers.
+    """
+    pair = []
     for name, value in (("screen", screen), ("shadow_map", shadow_map)):
-        if not (isinstance(value, tuple | list) and len(value) == 2 and all(v > 0 for v in value)):
-            raise ValueError(f"{name}: got {value!r}, expected two positive numbers, or neither screen nor shadow_map")
-    return (screen[0] / (right - left), screen[1] / (top - bottom)), tuple(shadow_map)
+        if value is None:
+            pair.append(None)
+            continue
+        (value,) = float_arrays(**{name: value})
+        if value.shape != (2,):
+            raise ValueError(f"{name}: got shape {value.shape}, expected two numbers")
+        pair.append(checked(name, value, lambda v: (v > 0) & (v < jnp.inf), "two positive numbers"))
+    if (pair[0] is None) != (pair[1] is None):
+        name, other = ("shadow_map", "screen") if pair[0] is None else ("screen", "shadow_map")
+        raise ValueError(f"{other}: got none with {name}, expected both or neither")
+    return pair[0], pair[1]
+
+
+def _densities(camera: Camera, screen: Array | None, shadow_map: Array | None) -> tuple[ArrayLike, ...]:
+    """(screen units per unit slope across, and up, texels along t, along s)."""
+    left, right, bottom, top = camera.window
+    if screen is None:
+        density = 2 / (top - bottom)
+        return density, density, 1, 1
+    dtype = left.dtype
+    (columns, rows), (t, s) = screen.astype(dtype), shadow_map.astype(dtype)
+    return columns / (right - left), rows / (top - bottom), t, s

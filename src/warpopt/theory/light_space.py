@@ -15,10 +15,10 @@ from jaxtyping import Array, Bool, Float
 
 from .._checks import checked, float_arrays, joint_shape
 from .._numerics import horner
-from .frustum import ViewFrustum
+from .view_frustum import ViewFrustum
 
 
-class Depth(NamedTuple):
+class LightDepth(NamedTuple):
     """A normalised depth along the warping axis Z_w, carried with its complement so that neither is a difference."""
 
     delta: Float[Array, "..."]
@@ -105,29 +105,29 @@ class LightSpace(eqx.Module):
 
     @property
     def mu(self) -> Float[Array, "..."]:
-        """Depth range of the warping frustum, VN (13)."""
+        """LightDepth range of the warping frustum, VN (13)."""
         return self.near * self.mu_over_near
 
     @property
-    def minimum_depth(self) -> Float[Array, "..."]:
+    def start(self) -> Float[Array, "..."]:
         """d0 = min over V of z sin(theta) - y cos(theta): n a for theta >= phi, f a below."""
         return self.near * self.a_plus - self.far * self.a_minus
 
-    def edge(self, u: ArrayLike) -> tuple[Depth, Depth]:
+    def edge(self, u: ArrayLike) -> tuple[LightDepth, LightDepth]:
         """Depths (near end, far end) of the segment of V at height fraction u; delta is linear between them."""
         x, T = self.depth_range, self.slope
         mu = self.mu_over_near
-        near = Depth((x * self.a_minus + 2 * T * u) / mu, (x * self.b + 2 * T * (1 - u)) / mu)
+        near = LightDepth((x * self.a_minus + 2 * T * u) / mu, (x * self.b + 2 * T * (1 - u)) / mu)
         far_span = 2 * (1 + x) * T
-        far = Depth((x * self.a_plus + far_span * u) / mu, far_span * (1 - u) / mu)
+        far = LightDepth((x * self.a_plus + far_span * u) / mu, far_span * (1 - u) / mu)
         return near, far
 
-    def depth_uz(self, u: Float[Array, "..."], z: Float[Array, "..."]) -> Depth:
-        """Depth of the points at height fraction u in [0, 1] and eye depth z."""
+    def depth_uz(self, u: Float[Array, "..."], z: Float[Array, "..."]) -> LightDepth:
+        """LightDepth of the points at height fraction u in [0, 1] and eye depth z."""
         return self._depth(z, z * u * self.slope * 2, z * (1 - u) * self.slope * 2)
 
-    def depth_yz(self, y: Float[Array, "..."], z: Float[Array, "..."]) -> Depth:
-        """Depth of the points at eye coordinates (y, z).
+    def depth_yz(self, y: Float[Array, "..."], z: Float[Array, "..."]) -> LightDepth:
+        """LightDepth of the points at eye coordinates (y, z).
 
         On the upper plane y = z tan(phi) is itself a cancellation: A's relative error there is up to eps / eta,
         whatever the formula. `depth_uz` has no such weakness.
@@ -136,10 +136,10 @@ class LightSpace(eqx.Module):
         offset = y * jnp.where(self.mirrored, -1, 1) * (self.slope / self.tan_phi)
         return self._depth(z, half - offset, half + offset)
 
-    def _depth(self, z: Array, above: Array, below: Array) -> Depth:
+    def _depth(self, z: Array, above: Array, below: Array) -> LightDepth:
         mu = self.mu
         delta = ((z - self.near) * self.a_plus + (self.far - z) * self.a_minus + above) / mu
-        return Depth(delta, ((self.far - z) * self.b + below) / mu)
+        return LightDepth(delta, ((self.far - z) * self.b + below) / mu)
 
 
 def _sine_near_zero(x: Array, rounding: Array) -> Array:

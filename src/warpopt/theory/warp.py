@@ -1,63 +1,100 @@
 """The warp: one bounded number eta in (0, 1] for the near-plane distance lambda of the warping frustum."""
 
+from typing import NamedTuple, Protocol
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from .._checks import checked, float_arrays
-from .frustum import ViewFrustum
+from .view_frustum import ViewFrustum
+
+
+class Body(Protocol):
+    """What a warp is made for: a light space, a view, a footprint, an `Extent`."""
+
+    @property
+    def start(self) -> Float[Array, "..."]:
+        """Least Z_w . c, from the eye."""
+        ...
+
+    @property
+    def mu(self) -> Float[Array, "..."]:
+        """LightDepth range along Z_w, > 0."""
+        ...
+
+
+class Extent(NamedTuple):
+    """Where a body begins along Z_w, from the eye, and how far it reaches; lengths.
+
+    Example:
+        >>> Extent(1.0, 99.0).mu
+        99.0
+    """
+
+    start: Float[Array, "..."]
+    mu: Float[Array, "..."]
 
 
 class Warp(eqx.Module):
     """A perspective warp of a shadow map, eta = lambda / (lambda + mu); eta = 1 is no warp (lambda = inf).
 
+    A warp knows the body that it was made for: its apex lies at start - lambda along Z_w from the eye, and stays there
+    when the warp is used over other receivers (`over`).
+
     Attributes:
         eta: warp parameter in (0, 1]; at theta = pi/2 LiSPSM has sqrt(n/f) and PSM n/f.
         one_minus_eta: 1 - eta, carried so that a weak warp keeps its digits.
+        start: where the body begins along Z_w, a length from the eye.
         mu: depth range of the warping frustum, a length.
         defined: False where a published rule yields no lambda > 0 and no warp was put in its place.
 
     Example:
-        >>> warp = Warp.from_lam(11.0, mu=99.0)
+        >>> warp = Warp.from_lam(11.0, Extent(start=1.0, mu=99.0))
         >>> round(float(warp.eta), 6), round(float(warp.lam), 4)
         (0.1, 11.0)
     """
 
     eta: Float[Array, "..."]
     one_minus_eta: Float[Array, "..."]
+    start: Float[Array, "..."]
     mu: Float[Array, "..."]
     defined: Bool[Array, "..."]
 
     @classmethod
-    def from_eta(cls, eta: ArrayLike, mu: ArrayLike) -> "Warp":
-        """The warp of a given eta.
+    def from_eta(cls, eta: ArrayLike, body: Body) -> "Warp":
+        """The warp of a given eta over a body.
+
+        Args:
+            eta: in (0, 1], of a shape that broadcasts with the body's.
+            body: with a `start` and a `mu`: a `FrustumView`, a footprint, an `Extent`.
 
         Raises:
-            ValueError: eta outside (0, 1], mu <= 0, or NaN.
+            ValueError: eta outside (0, 1], mu <= 0, or NaN; a body without an extent.
         """
-        eta, mu = float_arrays(eta=eta, mu=mu)
-        mu = checked("mu", mu, lambda v: v > 0, "a length > 0")
+        eta, start, mu = _with_extent("eta", eta, body)
         eta = checked("eta", eta, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
-        return cls(eta, 1 - eta, mu, jnp.ones(eta.shape, bool))
+        return cls(eta, 1 - eta, start, mu, jnp.ones(eta.shape, bool))
 
     @classmethod
-    def from_lam(cls, lam: ArrayLike, mu: ArrayLike) -> "Warp":
-        """The warp of a given near-plane distance lambda (inf for none), a length.
+    def from_lam(cls, lam: ArrayLike, body: Body) -> "Warp":
+        """The warp of a given near-plane distance lambda (inf for none), a length, over a body as in `from_eta`.
 
         Raises:
-            ValueError: lambda <= 0, mu <= 0, or NaN.
+            ValueError: lambda <= 0, mu <= 0, or NaN; a body without an extent.
         """
-        lam, mu = float_arrays(lam=lam, mu=mu)
-        mu = checked("mu", mu, lambda v: v > 0, "a length > 0")
+        lam, start, mu = _with_extent("lam", lam, body)
         lam = checked("lam", lam, lambda v: v > 0, "a number > 0, or inf")
-        return cls.from_range_ratio(mu / lam, mu)
+        return cls.from_range_ratio(mu / lam, Extent(start, mu))
 
     @classmethod
-    def from_range_ratio(cls, ratio: ArrayLike, mu: ArrayLike, defined: ArrayLike = True) -> "Warp":
+    def from_range_ratio(cls, ratio: ArrayLike, body: Body, defined: ArrayLike = True) -> "Warp":
         """The warp of a given mu / lambda >= 0, the form without infinities; where not `defined`, no warp."""
         ratio = jnp.where(defined, ratio, 0)
-        return cls(1 / (1 + ratio), ratio / (1 + ratio), jnp.asarray(mu), jnp.broadcast_to(defined, ratio.shape))
+        start, mu = jnp.asarray(body.start), jnp.asarray(body.mu)
+        return cls(1 / (1 + ratio), ratio / (1 + ratio), start, mu, jnp.broadcast_to(defined, ratio.shape))
 
     @property
     def no_warp(self) -> Bool[Array, "..."]:
@@ -78,3 +115,59 @@ class Warp(eqx.Module):
     def strength(self, frustum: ViewFrustum) -> Float[Array, "..."]:
         """log(eta) / log(n/f): at theta = pi/2, 0 for SSM, 1/2 for LiSPSM and 1 for PSM."""
         return -jnp.log(self.eta) / jnp.log1p((frustum.far - frustum.near) / frustum.near)
+
+    def over(self, body: Body) -> "Warp":
+        """The same apex, for another body under the same light: lambda + (its start - start) is its lambda.
+
+        No warp stays none. eta is NaN, and `defined` False, where the apex is not before the body; the verbs that use a
+        warp then refuse it in a sentence, or return NaN when traced.
+
+        Example:
+            >>> farther = Warp.from_lam(11.0, Extent(1.0, 99.0)).over(Extent(5.0, 95.0))
+            >>> round(float(farther.lam), 4)   # the apex stays 10 behind the eye
+            15.0
+        """
+        start, mu = jnp.asarray(body.start, self.eta.dtype), jnp.asarray(body.mu, self.eta.dtype)
+        # A body that is the same up to rounding is the same: the difference of two starts would be all rounding where
+        # mu is much less than them.
+        eps = jnp.finfo(self.eta.dtype).eps
+        shift = start - self.start
+        same = jnp.abs(shift) <= 16 * eps * jnp.abs(start) + 4 * eps * mu
+        same = same & (jnp.abs(mu - self.mu) <= 16 * eps * mu)
+        # eta' : 1 - eta' = lambda' : mu', both times (1 - eta).
+        lam = self.mu * self.eta + shift * self.one_minus_eta
+        span = mu * self.one_minus_eta
+        before = same | (lam > 0) | self.no_warp
+        kept = same | self.no_warp
+        safe = jnp.where(before & ~kept, lam + span, 1)
+        eta, rest = (
+            jnp.where(kept, own, jnp.where(before, part / safe, jnp.nan))
+            for own, part in ((self.eta, lam), (self.one_minus_eta, span))
+        )
+        return Warp(eta, rest, start, mu, self.defined & before)
+
+    def lost_over(self, own: "Warp") -> Bool[Array, "..."]:
+        """Where this warp has an eta and `own`, the same over another body, has none: its apex is not before it."""
+        return jnp.isnan(own.eta) & ~jnp.isnan(self.eta)
+
+
+def refuse_lost(lost: Bool[Array, "..."]) -> None:
+    """Refuse warps that have no eta over other receivers, see `Warp.lost_over`. Of traced values nothing is known.
+
+    Raises:
+        ValueError: the apex is not before the receivers.
+    """
+    if not isinstance(lost, jax.core.Tracer) and bool(lost.any()):
+        raise ValueError(
+            "warp: got an apex that is not before these receivers (lambda would not be positive), expected a warp made "
+            "for a body that begins no later"
+        )
+
+
+def _with_extent(name: str, value: ArrayLike, body: Body) -> tuple[Array, Array, Array]:
+    if not (hasattr(body, "start") and hasattr(body, "mu")):
+        raise ValueError(
+            f"body: got {type(body).__name__}, expected what has a start and a mu, as a FrustumView or an Extent has"
+        )
+    value, start, mu = float_arrays(**{name: value, "start": body.start, "mu": body.mu})
+    return value, start, checked("mu", mu, lambda v: v > 0, "a length > 0")

@@ -1,0 +1,119 @@
+"""Scalars and columns of equal length in one file: npz, csv or json, written whole, with a digest of its contents."""
+
+import csv
+import hashlib
+import io
+import json
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+Fields = Mapping[str, str | float]
+Columns = Mapping[str, np.ndarray]
+
+
+class DataFileError(ValueError):
+    """A file that is not what it should hold, or not whole."""
+
+
+def write_whole(path: str | Path, fields: Fields, columns: Columns) -> None:
+    """Write a file, by the path's ending; byte for byte the same for the same contents.
+
+    Raises:
+        ValueError: an ending other than .npz, .csv and .json.
+        OSError: the file cannot be written; an earlier one is then as it was.
+    """
+    path = Path(path)
+    content = encoded(path, fields, columns)
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
+        whole = Path(folder) / path.name
+        whole.write_bytes(content)
+        whole.replace(path)
+
+
+def encoded(path: str | Path, fields: Fields, columns: Columns) -> bytes:
+    """What `write_whole` writes.
+
+    Raises:
+        ValueError: an ending other than .npz, .csv and .json.
+    """
+    path = Path(path)
+    make = {".npz": _npz, ".csv": _csv, ".json": _json}.get(path.suffix)
+    if make is None:
+        raise ValueError(f"path: got {path.name!r}, expected an ending of .npz, .csv or .json")
+    return make(fields, columns)
+
+
+def read_fields(path: Path, what: str, columns: tuple[str, ...]) -> dict:
+    """Scalars and columns by name; what a csv says is text, but for its columns.
+
+    Args:
+        what: the file should be, for messages.
+        columns: their names.
+
+    Raises:
+        DataFileError: a file that is missing, truncated or foreign.
+    """
+    readers = {".npz": _from_npz, ".json": _from_json, ".csv": lambda content: _from_csv(content, columns)}
+    read = readers.get(path.suffix)
+    if read is None:
+        raise DataFileError(f"{path}: got the ending {path.suffix!r}, expected .npz, .csv or .json")
+    try:
+        return read(path.read_bytes())
+    except OSError as error:
+        raise DataFileError(f"{path}: cannot be read: {error.strerror}") from None
+    except Exception as error:  # whatever a damaged archive, number or nesting makes its reader raise
+        raise DataFileError(f"{path}: not a whole {path.suffix[1:]} {what}: {error}") from None
+
+
+def digest_of(fields: Fields, columns: Columns) -> str:
+    """Of all that a file says: with it a file that was cut or edited is known."""
+    text = [f"{name}={value if isinstance(value, str) else repr(float(value))}" for name, value in fields.items()]
+    text += [f"{name}={[float(v) for v in column]}" for name, column in columns.items()]
+    return hashlib.sha256("\n".join(text).encode()).hexdigest()[:32]
+
+
+def _npz(fields: Fields, columns: Columns) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **fields, **columns)
+    return buffer.getvalue()
+
+
+def _json(fields: Fields, columns: Columns) -> bytes:
+    listed = {name: list(map(float, column)) for name, column in columns.items()}
+    return (json.dumps({**fields, **listed}, indent=1, allow_nan=False) + "\n").encode()
+
+
+def _csv(fields: Fields, columns: Columns) -> bytes:
+    out = io.StringIO(newline="")
+    writer = csv.writer(out)
+    writer.writerows((f"# {name}", value) for name, value in fields.items())
+    values = list(columns.values())
+    writer.writerow(["# knots", len(values[0])])
+    writer.writerow(list(columns))
+    writer.writerows(map(repr, map(float, row)) for row in zip(*values, strict=True))
+    return out.getvalue().encode()
+
+
+def _from_npz(content: bytes) -> dict:
+    with np.load(io.BytesIO(content), allow_pickle=False) as archive:
+        return {name: archive[name] if archive[name].shape else archive[name].item() for name in archive.files}
+
+
+def _from_json(content: bytes) -> dict:
+    fields = json.loads(content.decode())
+    if not isinstance(fields, dict):
+        raise ValueError("got no object of fields")
+    return fields
+
+
+def _from_csv(content: bytes, columns: tuple[str, ...]) -> dict:
+    rows = [row for row in csv.reader(io.StringIO(content.decode("utf-8-sig"), newline="")) if row]
+    fields: dict = {row[0][2:]: row[1] for row in rows if row and row[0].startswith("# ")}
+    start = rows.index(list(columns)) + 1
+    values = np.array([[float(v) for v in row] for row in rows[start:]])
+    if values.shape != (int(fields.pop("knots")), len(columns)):
+        raise ValueError(f"got {len(values)} knots, expected as many as the file says")
+    return fields | dict(zip(columns, values.T, strict=True))

@@ -1,0 +1,50 @@
+"""What the commands' arguments share. A command imports JAX, and what needs it, once its input is known to be good."""
+
+import abc
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from .output import check_replaceable
+from .settings import ConfigError, read_config
+
+
+class Failed(Exception):
+    """A command could not do its work, though its input was good; in words."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Configured(abc.ABC):
+    config: tyro.conf.Positional[Path]
+    """TOML file; configs/ has examples. Any key can be overridden after it: --view.far 500 --light.theta_deg.count 31
+    --objective.metrics '["p"]' --output.directory DIR. `warpopt schema --of COMMAND` lists the keys."""
+
+    @staticmethod
+    @abc.abstractmethod
+    def model() -> Any:
+        """The type of the configuration."""
+
+    def read(self, overrides: list[str]) -> Any:
+        """The configuration, whose output folder may be written."""
+        config = read_config(self.config, overrides, self.model())
+        check_replaceable(config.output.directory)
+        return config
+
+    @abc.abstractmethod
+    def answer(self, overrides: list[str]) -> int:
+        """Do what the command is for; the exit code."""
+
+
+class Plain(abc.ABC):
+    """A command without a configuration, hence without overrides."""
+
+    def answer(self, overrides: list[str]) -> int:
+        if overrides:
+            raise ConfigError(f"unknown argument(s): {' '.join(overrides)}")
+        return self.run()
+
+    @abc.abstractmethod
+    def run(self) -> int:
+        """Do what the command is for; the exit code."""

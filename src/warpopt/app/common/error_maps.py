@@ -1,0 +1,157 @@
+"""Aliasing errors pixel by pixel, in NumPy: what the pictures of a scene show, and those of docs/objectives.md."""
+
+import dataclasses
+
+import numpy as np
+
+import warpopt
+from warpopt import theory
+from warpopt.objective import Objective
+
+from ...scene_files.scene_camera import SceneCamera
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Mapping:
+    """A warped shadow map as far as its errors are concerned, in plain numbers.
+
+    Attributes:
+        x_axis, z_axis: X_w and Z_w in eye coordinates.
+        light: the light's direction in eye coordinates.
+        start, mu: of the footprint.
+        densities: (density_p, density_q) of the light frame.
+        eta: of the warp.
+        width, plain_width: what the map spans across, with the warp and without.
+    """
+
+    x_axis: np.ndarray
+    z_axis: np.ndarray
+    light: np.ndarray
+    start: float
+    mu: float
+    densities: tuple[float, float]
+    eta: float
+    width: float
+    plain_width: float
+
+    @classmethod
+    def of(cls, solution: "warpopt.SceneSolution", width: float, plain_width: float) -> "Mapping":
+        """Of one scene's solution."""
+        frame, footprint = solution.frame, solution.footprint
+        return cls(
+            *(np.asarray(axis) for axis in (frame.x_axis, frame.z_axis, frame.light)),
+            float(footprint.start),
+            float(footprint.mu),
+            (float(frame.density_p), float(frame.density_q)),
+            float(solution.warp.eta),
+            float(width),
+            float(plain_width),
+        )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Seen:
+    """Receivers on a grid of pixels.
+
+    Attributes:
+        depth: (height, width) eye depths, inf for none.
+        slopes: (height, width, 3): eye coordinates over z.
+        extent: of a section: (least z, largest z, least slope, largest slope). None for an image.
+    """
+
+    depth: np.ndarray
+    slopes: np.ndarray
+    extent: tuple[float, float, float, float] | None = None
+
+
+def image_of(camera: SceneCamera, depth: np.ndarray) -> Seen:
+    """What the camera sees, from an image of eye depths, inf for background."""
+    across, up = camera.slopes(*depth.shape)
+    slopes = np.stack([*np.broadcast_arrays(across, up[:, None]), np.ones(depth.shape)], -1)
+    return Seen(depth, slopes)
+
+
+def section_of(camera: SceneCamera, planes: np.ndarray, mapping: Mapping, height: int, width: int) -> Seen:
+    """The view frustum, within world half-spaces (K, 4), from the side: log z across, the light from above.
+
+    Rows are slopes along the screen's image of Z_w. Errors do not vary across it, so that nothing is left out: a point
+    is a receiver if any across it is.
+    """
+    # Half-spaces in eye coordinates, normal . c + offset >= 0: of the window's edges, then the body's.
+    left, right, bottom, top = camera.window
+    normals = np.concatenate(
+        [np.array([[1, 0, -left], [-1, 0, right], [0, 1, -bottom], [0, -1, top]]), planes[:, :3] @ camera.rotation.T]
+    )
+    offsets = np.concatenate([np.zeros(4), planes[:, 3] + planes[:, :3] @ camera.position])
+    x_axis = mapping.x_axis
+    along = np.array([-x_axis[1], x_axis[0], 0.0])
+    along = along if along @ mapping.light <= 0 else -along
+    corners = np.array([(x, y, 0) for x in (left, right) for y in (bottom, top)]) @ along
+    u = np.linspace(corners.max(), corners.min(), 2 * height + 1)[1::2, None]
+
+    normals, offsets = (v / np.linalg.norm(normals, axis=1, keepdims=v.ndim > 1) for v in (normals, offsets))
+    row = float(u[0, 0] - u[-1, 0]) / height
+
+    def inside(z: np.ndarray, slack: float) -> np.ndarray:
+        # Each half-space bounds the slope w across: (normal . x_axis) w + rest >= 0.
+        least, most = np.full((height, len(z)), -np.inf), np.full((height, len(z)), np.inf)
+        for normal, offset in zip(normals, offsets, strict=True):
+            rest = normal @ along * u + normal[2] + offset / z + slack
+            factor = normal @ x_axis
+            if abs(factor) < 1e-12:
+                least = np.where(rest < 0, np.inf, least)
+            elif factor > 0:
+                least = np.maximum(least, -rest / factor)
+            else:
+                most = np.minimum(most, -rest / factor)
+        return least < most
+
+    edges = np.geomspace(camera.near, camera.far, 2 * width + 1)
+    # A body thinner than a row, such as a ground plane, is drawn as thick as one.
+    slack = 0.0 if inside(edges[1::2], 0.0).any() else row
+    filled = np.flatnonzero(inside(edges[1::2], slack).any(0))
+    if len(filled):
+        edges = np.geomspace(edges[2 * filled[0]], edges[2 * filled[-1] + 2], 2 * width + 1)
+    z = edges[1::2]
+    depth = np.where(inside(z, slack), z, np.inf)
+    slopes = u[..., None] * along + np.zeros((1, width, 1)) + np.array([0.0, 0.0, 1.0])
+    return Seen(depth, slopes, (float(edges[0]), float(edges[-1]), float(corners.min()), float(corners.max())))
+
+
+def errors(mapping: Mapping, seen: Seen, metric: str, warped: bool) -> np.ndarray:
+    """(height, width): the error of each receiver, with A = (1 - delta) eta + delta; NaN where there is none."""
+    eta, width = (mapping.eta, mapping.width) if warped else (1.0, mapping.plain_width)
+    there = np.isfinite(seen.depth)
+    z = np.where(there, seen.depth, 1)
+    delta = np.clip((z * (seen.slopes @ mapping.z_axis) - mapping.start) / mapping.mu, 0, 1)
+    blend = (1 - delta) * eta + delta
+    density_p, density_q = mapping.densities
+    e_p, e_q = theory.errors(blend, eta, density_p * mapping.mu / z, density_q * width / z)
+    return np.where(there, theory.aggregate(Objective(metric).terms, e_p, e_q), np.nan)
+
+
+def shading(seen: Seen, light: np.ndarray) -> np.ndarray:
+    """(height, width) in [0, 1]: matt surfaces in the light, from the depths alone; NaN for background.
+
+    A pixel's normal is of the steps to that neighbour, on each axis, which is the nearer in depth: edges stay sharp.
+    """
+    there = np.isfinite(seen.depth)
+    points = np.where(there, seen.depth, np.nan)[..., None] * seen.slopes
+    normal = np.cross(_step(points, 1), _step(points, 0))
+    size = np.linalg.norm(normal, axis=-1, keepdims=True)
+    normal = normal / np.where(size > 0, size, 1)
+    facing = np.where((normal * seen.slopes).sum(-1) > 0, -1, 1)
+    lit = np.clip(-(normal @ light) * facing, 0, 1)
+    # A little light from the eye, so that what is turned away keeps its shape.
+    shade = 0.12 + 0.1 * np.abs(normal[..., 2]) + 0.78 * lit
+    return np.where(there, np.nan_to_num(shade, nan=0.2), np.nan)
+
+
+def _step(points: np.ndarray, axis: int) -> np.ndarray:
+    if points.shape[axis] < 2:
+        return np.zeros_like(points)
+    gap = np.full_like(np.take(points, [0], axis), np.nan)
+    difference = np.diff(points, axis=axis)
+    after, before = np.concatenate([difference, gap], axis), np.concatenate([gap, difference], axis)
+    size_after, size_before = (np.nan_to_num(np.abs(d[..., 2:]), nan=np.inf) for d in (after, before))
+    return np.where(size_after <= size_before, after, before)

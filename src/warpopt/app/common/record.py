@@ -1,0 +1,84 @@
+"""What every command's folder records, and the bar that shows it is at work."""
+
+import contextlib
+import csv
+import importlib.metadata
+import json
+import math
+import platform
+import time
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from pydantic import BaseModel
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+import warpopt
+
+from .output import MARK
+
+_PACKAGES = ("warpopt", "jax", "jaxlib", "optimistix", "equinox", "numpy", "matplotlib")
+
+
+@contextlib.contextmanager
+def progress_bar(console: Console, steps: int) -> Iterator[Callable[[str], None]]:
+    """A bar that goes one step further at each call, which names what is done; nothing where there is no terminal."""
+    columns = (TextColumn("{task.description:<40}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("starting", total=steps)
+        yield lambda done: bar.update(task, advance=1, description=done)
+
+
+def environment(config: BaseModel, dtype: Any, timings: dict[str, float], others: tuple[str, ...] = ()) -> dict:
+    """What a later reader needs to repeat a run: configuration, versions (of `others` too), device, seconds."""
+    return {
+        "config": config.model_dump(mode="json"),
+        "versions": {
+            "python": platform.python_version(),
+            **{name: importlib.metadata.version(name) for name in (*_PACKAGES, *others)},
+        },
+        "dtype": str(dtype),
+        "device": jax.devices()[0].platform,
+        "timings": {key: round(value, 3) for key, value in timings.items()},
+    }
+
+
+@contextlib.contextmanager
+def timed(timings: dict[str, float], name: str) -> Iterator[None]:
+    """Note how many seconds the block took."""
+    start = time.perf_counter()
+    yield
+    timings[name] = time.perf_counter() - start
+
+
+def outcome_counts(results: Any) -> dict[str, int]:
+    """How many of each outcome there are, by name."""
+    values, counts = np.unique(np.asarray(results, int), return_counts=True)
+    return {warpopt.Outcome(v).name: n for v, n in zip(values.tolist(), counts.tolist(), strict=True)}
+
+
+def finite_or_none(value: float) -> float | None:
+    """A float for strict JSON, which has no infinities."""
+    return float(value) if math.isfinite(value) else None
+
+
+def write_json(path: Path, data: Any) -> None:
+    """Strict JSON."""
+    path.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def write_csv(path: Path, heads: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
+    """A table; floats as Python writes them, which read back the same."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(heads)
+        writer.writerows(rows)
+
+
+def write_mark(folder: Path, record: dict[str, Any]) -> None:
+    """The record by which a folder is known as a result, with its files named."""
+    write_json(folder / MARK, record | {"files": sorted([*(path.name for path in folder.iterdir()), MARK])})

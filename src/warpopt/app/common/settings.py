@@ -1,0 +1,238 @@
+"""What the commands' configurations share: their tables, and how file and command line are read. Knows no JAX."""
+
+import copy
+import itertools
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pydantic
+from pydantic import Field
+
+from warpopt.objective import Measure, Objective, norm_name, order_of
+
+
+class ConfigError(Exception):
+    """Bad input, in words for its author: every flaw, one a line."""
+
+
+class Section(pydantic.BaseModel):
+    """A table of a configuration: frozen, without unknown keys, all numbers finite."""
+
+    model_config = pydantic.ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+# Strict: a number is neither true nor "30".
+Positive = Annotated[float, Field(gt=0, strict=True)]
+HalfFovDeg = Annotated[float, Field(gt=0, lt=90, strict=True)]
+ThetaDeg = Annotated[float, Field(ge=0, le=180, strict=True)]
+Metric = Literal["p", "q", "pxq"]
+
+
+def _norm(value: Any) -> Any:
+    """Orders may come as numbers or, from the command line, as their text; one name for one norm."""
+    try:
+        order = order_of(value)
+    except ValueError as error:
+        raise ValueError(str(error).partition(", ")[2]) from None
+    name = norm_name(order)
+    return name if name in ("inf", "l1", "l2") else order
+
+
+Norm = Annotated[Literal["inf", "l1", "l2"] | float, pydantic.BeforeValidator(_norm)]
+
+
+def listed(value: Any) -> Any:
+    """A single value as a list of one."""
+    return value if isinstance(value, list | tuple) else [value]
+
+
+def _distinct(values: list) -> list:
+    if len(set(values)) < len(values):
+        raise ValueError("expected no value twice")
+    return values
+
+
+Distinct = pydantic.AfterValidator(_distinct)
+
+
+class NearFar(Section):
+    """What has a near plane, and far planes beyond it: one, several or none."""
+
+    @pydantic.field_validator("far", check_fields=False)
+    @classmethod
+    def _beyond_near(cls, far: Any, info: pydantic.ValidationInfo) -> Any:
+        near = info.data.get("near")
+        if near is not None and not all(value is None or value > near for value in listed(far)):
+            raise ValueError(f"expected more than near = {near}")
+        return far
+
+
+class OneView(NearFar):
+    """One view frustum."""
+
+    near: Positive = 1.0
+    far: Positive
+    half_fov_deg: HalfFovDeg
+
+
+class ThetaRange(Section):
+    """Evenly spaced directions."""
+
+    start: ThetaDeg
+    stop: ThetaDeg
+    count: Annotated[int, Field(ge=1, le=10_000_000, strict=True)]
+
+    def values(self) -> np.ndarray:
+        return np.linspace(self.start, self.stop, self.count)
+
+
+class LightAngles(Section):
+    """Angles between light and view direction."""
+
+    theta_deg: ThetaRange | Annotated[list[ThetaDeg], Field(min_length=1)]
+
+    @pydantic.field_validator("theta_deg", mode="wrap")
+    @classmethod
+    def _range_or_list(cls, value: Any, handler: Any) -> Any:
+        # Chosen by shape, so that a flaw is reported once and for what was meant.
+        if isinstance(value, dict):
+            return ThetaRange.model_validate(value)
+        return handler(listed(value))
+
+    def values(self) -> np.ndarray:
+        return self.theta_deg.values() if isinstance(self.theta_deg, ThetaRange) else np.array(self.theta_deg)
+
+
+class ObjectiveConfig(Section):
+    """What is minimised: every metric in every norm, over one measure."""
+
+    metrics: Annotated[list[Metric], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct] = ["p"]
+    norms: Annotated[list[Norm], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct] = ["inf"]
+    measure: Measure = "screen"
+
+    def objectives(self) -> list[Objective]:
+        """Every metric in every norm."""
+        return [Objective(*each, self.measure) for each in itertools.product(self.metrics, self.norms)]
+
+
+class OutputConfig(Section):
+    """Where the results go."""
+
+    directory: Path
+    figures: bool = True
+
+
+class OneObjective(Section):
+    """One metric in one norm over one measure."""
+
+    metric: Metric = "p"
+    norm: Norm = "inf"
+    measure: Measure = "screen"
+
+    def objective_value(self) -> Objective:
+        """The library's own."""
+        return Objective(self.metric, self.norm, self.measure)
+
+
+def validated(model: type[pydantic.BaseModel], data: dict[str, Any], source: str) -> Any:
+    """The model of the data.
+
+    Raises:
+        ConfigError: naming the source and, with its dotted path, each flaw: what was got, what was expected.
+    """
+    try:
+        return model.model_validate(data)
+    except pydantic.ValidationError as error:
+        lines = [_flaw(flaw) for flaw in error.errors()]
+        raise ConfigError("\n".join([f"{source}: {len(lines)} flaw{'s' * (len(lines) > 1)}", *lines])) from None
+
+
+def _flaw(flaw: Any) -> str:
+    path = ".".join(
+        str(part) for part in flaw["loc"] if not str(part).startswith(("function-", "constrained-", "list["))
+    )
+    message = flaw["msg"].removeprefix("Value error, ")
+    if flaw["type"] == "extra_forbidden":
+        return f"  {path}: unknown key"
+    if flaw["type"] == "missing":
+        return f"  {path}: missing"
+    # What a whole section's validator found: it says what was got, and of which key, better than the section's text.
+    if message.startswith("got "):
+        return f"  {path}: {message}" if path else f"  {message}"
+    if ": got " in message:
+        return f"  {path}.{message}" if path else f"  {message}"
+    got = flaw["input"]
+    return f"  {path}: got {got!r}, {_expectation(message)}" if path else f"  {_expectation(message)}"
+
+
+def _expectation(message: str) -> str:
+    """pydantic's words in ours."""
+    if message.startswith("List should have at least"):
+        return "expected at least one item"
+    if "valid dictionary" in message:
+        return "expected a table of keys"
+    return message.replace("Input should be", "expected").replace("Input should have", "expected")
+
+
+def read_config(path: Path, overrides: list[str], model: type[pydantic.BaseModel]) -> Any:
+    """The configuration, a `model`, of a TOML file with `--section.key value` pairs laid over it.
+
+    Raises:
+        ConfigError: a file that is missing or not TOML, a malformed override, or any flaw of the whole.
+    """
+    return validated(model, read_data(path, overrides), str(path))
+
+
+def read_data(path: Path, overrides: list[str]) -> dict[str, Any]:
+    """The file's tables with the overrides laid over them, not validated.
+
+    Raises:
+        ConfigError: a file that is missing or not TOML, or a malformed override.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not a TOML file: {error}") from None
+    return _overridden(data, overrides)
+
+
+# Not tyro's own: it wants every default valid before it is overridden, each element of a list a word of its own
+# (`--view.far 10 500`, where TOML says [10, 500]), and makes a subcommand of a key that is a table or a list.
+def _overridden(data: dict[str, Any], overrides: list[str]) -> dict[str, Any]:
+    data = copy.deepcopy(data)
+    words = list(overrides)
+    while words:
+        word = words.pop(0)
+        if not word.startswith("--"):
+            raise ConfigError(f"{word}: got a stray word, expected --section.key value")
+        name, given, text = word[2:].partition("=")
+        if not given:
+            if not words:
+                raise ConfigError(f"{word}: got no value, expected --section.key value")
+            text = words.pop(0)
+        *sections, key = name.replace("-", "_").split(".")
+        target = data
+        for section in sections:
+            match target.get(section):
+                case [dict() as only]:  # the only one of [[section]]
+                    target = only
+                    continue
+                case [dict(), *_] as several:
+                    raise ConfigError(f"--{name}: got {len(several)} tables [[{section}]], expected one to override")
+            if not isinstance(target.get(section, {}), dict):
+                target[section] = {}
+            target = target.setdefault(section, {})
+        target[key] = _toml_value(text)
+    return data
+
+
+def _toml_value(text: str) -> Any:
+    """A TOML value if the text is one (500, true, [1, 2]), else the text itself."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text

@@ -1,0 +1,181 @@
+"""`report.md` of a comparison: a ranking in words, and the table."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from warpopt.rules.registry import rule_title
+
+from ..common.limits import least_and_largest, limit_sentence
+from ..common.words import markdown_pictures, markdown_table
+from .settings import CompareConfig, SceneCompareConfig
+from .solve import Compared
+
+if TYPE_CHECKING:
+    from ...compare.comparison import Worst
+
+_POINT = 1e-5  # degrees: a shorter interval is one direction, such as theta = 0
+
+
+def intervals_text(intervals: tuple[tuple[float, float], ...]) -> str:
+    """Intervals in radians as "0 to 7.13 deg, at 90 deg"; empty if there are none."""
+    words = []
+    for low, high in np.rad2deg(np.array(intervals)).reshape(-1, 2).tolist():
+        words.append(f"at {_angle(low)} deg" if high - low < _POINT else f"{_angle(low)} to {_angle(high)} deg")
+    return ", ".join(words)
+
+
+def _angle(degrees: float) -> str:
+    return f"{degrees if degrees > _POINT else 0:.4g}"
+
+
+def where_text(c: Compared, kind: str, name: str) -> str:
+    """Where a rule is "worse" than no warp, gives "no_warp", or is "undefined"; empty if nowhere."""
+    r = c.result
+    if r.regions is not None:
+        return intervals_text(r.regions[kind][name])
+    i = r.names.index(name)
+    masks = {"worse": r.worse, "no_warp": r.defined & (r.eta == 1), "undefined": ~r.defined}
+    lights = np.flatnonzero(masks[kind][i])
+    if len(lights) == len(r.theta):
+        return "every light"
+    return f"{'light' if len(lights) == 1 else 'lights'} {', '.join(map(str, lights))}" if len(lights) else ""
+
+
+def ratio_text(ratio: float) -> str:
+    """To three digits, "unbounded", or "-" where there is none."""
+    return f"{ratio:.3g}" if np.isfinite(ratio) else "-" if np.isnan(ratio) else "unbounded"
+
+
+def place_text(c: Compared, worst: "Worst") -> str:
+    """Where a rule is worst, in words."""
+    if worst.index < 0:
+        return "-"
+    angle = f"{np.rad2deg(worst.theta):.4g} deg"
+    return angle if c.result.regions is not None else f"{angle}, light {worst.index}"
+
+
+def compare_report(
+    config: CompareConfig | SceneCompareConfig, compared: list[Compared], figures: list[tuple[str, str]]
+) -> str:
+    """The report as Markdown."""
+    parts = ["# Rules for lambda against the optimum\n", _opening(config)]
+    failures = sum(int(c.result.failed.sum()) for c in compared)
+    if failures:
+        parts.append(f"**{failures} optimum/optima could not be found**; `compare.json` says why.\n")
+    if not compared:
+        parts.append("The sun is below the horizon all the time: there is nothing to compare.\n")
+    if figures:
+        parts.append("## At a glance\n")
+        parts += markdown_pictures(figures)
+    for c in compared:
+        parts += [f"## {c.title}\n", _verdict(c), _losses(c), _table(c)]
+    return "\n".join(parts)
+
+
+def _opening(config: CompareConfig | SceneCompareConfig) -> str:
+    if isinstance(config, CompareConfig):
+        view = config.view
+        over = (
+            f"The view frustum n = {view.near:g}, f = {view.far:g}, half field of view {view.half_fov_deg:g} deg; "
+            f"norms over the measure `{config.objective.measure}`. The worst is sought between the directions too; a "
+            "rule that has no bound has no mean."
+        )
+    else:
+        over = (
+            f"The receivers of a scene ({config.receivers.kind}). Rules are applied as their sources apply them, to "
+            "the receivers' eye depths and their extent along the warp (to the camera's own planes where a source "
+            "takes those); your own rules and the TSM alternative, which are made for the whole frustum, keep the "
+            "apex that they have there: lambda over the receivers is lambda + (where the receivers begin) - (where the "
+            "frustum begins). Of points and depth buffers the limit is "
+            "that of maps that are linear within each of 256 depths, below which a warp may be by up to 8 %."
+        )
+    return (
+        f"{over}\n\n"
+        "All numbers are multiples of the optimum's error, which is 1. A rule counts where it is defined; its mean is "
+        "over the light directions. Only rules that are defined in every direction, and bounded, are ranked, the "
+        "least mean first. OSG is OpenSceneGraph. The limit is what the best monotone map of the depth would reach, "
+        "perspective or not, where it is known. `ranking.csv` has the table, `compare.csv` and `compare.json` every "
+        "number, `run.json` configuration and versions.\n"
+    )
+
+
+def _verdict(c: Compared) -> str:
+    """Which rule is best on average and at worst, the others in their order, and what any other map could win."""
+    r = c.result
+    ranking = [name for name in r.ranking() if not np.isnan(r.mean(name))]
+    words = [_ranking_words(c, ranking) if ranking else "No rule is defined and bounded in every direction."]
+    words.append(r.no_bound_because or limit_sentence(least_and_largest(r.optimum_over_bound)))
+    return " ".join(filter(None, words)) + "\n"
+
+
+def _ranking_words(c: Compared, ranking: list[str]) -> str:
+    r, first = c.result, ranking[0]
+    safest = min(ranking, key=lambda name: r.worst(name).ratio)
+    worst = r.worst(first)
+    words = [
+        f"**{rule_title(first)}** is best on average: {r.mean(first):.3g} times the optimum's error in the mean and "
+        f"{worst.ratio:.3g} times at worst ({place_text(c, worst)})."
+    ]
+    if safest == first:
+        words.append("It is also the best at worst.")
+    else:
+        worst = r.worst(safest)
+        words.append(
+            f"At worst {rule_title(safest)} is best: never more than {worst.ratio:.3g} times ({place_text(c, worst)}), "
+            f"{r.mean(safest):.3g} in the mean."
+        )
+    if ranking[1:]:
+        others = ", ".join(f"{rule_title(name)} {r.mean(name):.3g}" for name in ranking[1:])
+        words.append(f"The other means are: {others}.")
+    return " ".join(words)
+
+
+def _losses(c: Compared) -> str:
+    """A sentence for each rule that loses to no warp, or does not always give one, in the ranking's order."""
+    lines = []
+    for name in c.result.order():
+        worse, none = where_text(c, "worse", name), where_text(c, "undefined", name)
+        clauses = []
+        if worse:
+            clauses.append(" ".join(filter(None, [f"is worse than no warp {_for(worse)}", harm_text(c, name)])))
+        if none:
+            clauses.append(f"yields no lambda > 0 {_for(none)}")
+        worst = c.result.worst(name)
+        if np.isinf(worst.ratio):
+            clauses.append(f"loses without bound towards {place_text(c, worst)}")
+        if clauses:
+            clauses[:-1] = [", ".join(clauses[:-1])] if clauses[1:] else []
+            lines.append(f"- {rule_title(name)} {' and '.join(clauses)}.")
+    if not lines:
+        return "No rule is worse than no warp anywhere.\n"
+    return "\n".join(lines) + "\n"
+
+
+def harm_text(c: Compared, name: str) -> str:
+    """By how much a rule is worse than no warp: "by up to 1.5 %", "by a factor of up to 11.5"; empty if unbounded."""
+    ratio = c.result.worst(name, "no_warp").ratio
+    if not 1 < ratio < np.inf:
+        return ""
+    return f"by up to {100 * (ratio - 1):.2g} %" if ratio < 2 else f"by a factor of up to {ratio:.3g}"
+
+
+def _for(where: str) -> str:
+    return where if where.startswith("at ") else f"for {where}"
+
+
+def _table(c: Compared) -> str:
+    r = c.result
+    ranking = r.ranking()
+    heads = ["", "rule", "mean", "worst", "at", "worst over the limit", "at"]
+    heads += ["worst over no warp", "worse than no warp", "no warp", "undefined"]
+    rows = []
+    for place, name in enumerate(r.order(), 1):
+        numbers = [ratio_text(r.mean(name))]
+        for one in (r.worst(name), r.worst(name, "bound")):
+            numbers += [ratio_text(one.ratio), place_text(c, one)]
+        numbers.append(ratio_text(r.worst(name, "no_warp").ratio))
+        where = [where_text(c, kind, name) for kind in ("worse", "no_warp", "undefined")]
+        first = [str(place) if name in ranking else "", rule_title(name)]
+        rows.append([*first, *numbers, *where])
+    return markdown_table(heads, rows)

@@ -1,0 +1,86 @@
+"""`warpopt compare`: rules in, a folder that says what each loses against the optimum and the limit."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import jax
+from rich.console import Console
+from rich.table import Table
+
+from warpopt.compare.rule_set import RuleError
+from warpopt.rules.registry import EVERY, rule_title
+
+from ..common.output import whole_folder
+from ..common.record import environment, outcome_counts, progress_bar, timed, write_json, write_mark
+from ..common.settings import ConfigError
+from ..inputs.scene_files import SceneInput
+from .report import compare_report, ratio_text
+from .settings import CompareConfig, SceneCompareConfig
+from .solve import Compared, compare_over_frustum, compare_over_scene
+from .tables import compare_record, write_compare_table, write_ranking
+
+
+def run_compare(
+    config: CompareConfig | SceneCompareConfig,
+    own: Mapping[str, Callable],
+    scene: SceneInput | None,
+    console: Console | None = None,
+) -> int:
+    """Compare, write, summarise; 0 if every optimum was found, 1 if not.
+
+    Args:
+        config: of a view frustum, or of a scene, which comes with
+        scene: in numbers.
+        own: the user's rules.
+
+    Raises:
+        ConfigError: a user's rule does not answer as one, or the output folder cannot be written.
+    """
+    console = console or Console()
+    rules = {name: EVERY[name] for name in config.rules.names} | dict(own)
+    objective = config.objective
+    count = len(objective.metrics) * len(objective.norms) * (1 if scene is None else len(scene.cameras))
+    with whole_folder(config.output.directory) as folder, progress_bar(console, count + 1) as progress:
+        timings = {}
+        try:
+            with timed(timings, "solve_s"):
+                if scene is None:
+                    compared = compare_over_frustum(config, rules, progress)
+                else:
+                    compared = compare_over_scene(config, scene, rules, progress)
+        except RuleError as error:
+            raise ConfigError(str(error)) from error
+        with timed(timings, "figures_s"):
+            figures = []
+            if config.output.figures and compared:
+                # Imported here: matplotlib's first import on a machine looks through all its fonts.
+                from .figures import write_compare_figures
+
+                figures = write_compare_figures(compared, folder)
+                progress("figures")
+        write_compare_table(compared, folder / "compare.csv")
+        write_ranking(compared, folder / "ranking.csv")
+        write_json(folder / "compare.json", compare_record(config, compared, scene))
+        (folder / "report.md").write_text(compare_report(config, compared, figures), encoding="utf-8")
+        outcomes = outcome_counts([c.result.solution.result for c in compared])
+        write_mark(folder, environment(config, jax.numpy.zeros(0).dtype, timings) | {"outcomes": outcomes})
+    failures = sum(int(c.result.failed.sum()) for c in compared)
+    _summarise(console, config.output.directory, compared, failures)
+    return 1 if failures else 0
+
+
+def _summarise(console: Console, directory: Path, compared: list[Compared], failures: int) -> None:
+    table = Table(title="Error over the optimal error: mean, and worst")
+    table.add_column("rule")
+    for c in compared:
+        table.add_column(c.title, justify="right")
+    for name in compared[0].result.order() if compared else ():
+        cells = (f"{ratio_text(c.result.mean(name))}, {ratio_text(c.result.worst(name).ratio)}" for c in compared)
+        table.add_row(rule_title(name), *cells)
+    if compared:
+        console.print(table)
+    else:
+        console.print("The sun is below the horizon all the time: there is nothing to compare.")
+    if failures:
+        console.print(f"{failures} problem(s) failed; compare.json tells which and why.", style="bold red")
+    console.print(f"Written: {directory}: report.md, ranking.csv, compare.csv, compare.json, run.json", soft_wrap=True)

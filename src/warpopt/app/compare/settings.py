@@ -1,0 +1,101 @@
+"""The configuration of `warpopt compare`: over a view frustum or over a scene's receivers. Knows nothing of JAX."""
+
+import itertools
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pydantic
+from pydantic import Field
+
+from warpopt.rules.registry import EVERY
+
+from ..common.settings import (
+    ConfigError,
+    Distinct,
+    LightAngles,
+    ObjectiveConfig,
+    OneView,
+    OutputConfig,
+    Section,
+    listed,
+    read_data,
+    validated,
+)
+from ..inputs.scene_settings import SceneSettings
+
+RuleName = Literal[*EVERY]  # pyright: ignore[reportInvalidTypeForm]
+_PLACE = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
+
+
+def _place(value: str) -> str:
+    if not _PLACE.fullmatch(value):
+        raise ValueError("expected module:function, such as my_rules:half_way")
+    return value
+
+
+class RulesConfig(Section):
+    """Which rules are compared."""
+
+    names: Annotated[list[RuleName], pydantic.BeforeValidator(listed), Distinct] = Field(list(EVERY))
+    """Of warpopt's own, published and engines'."""
+    own: dict[
+        Annotated[str, Field(pattern=r"^\w[\w ./-]*$", max_length=40)], Annotated[str, pydantic.AfterValidator(_place)]
+    ] = Field({})
+    """Yours: name = "module:function", a callable (frustum, theta) -> warpopt.Warp, in a module that is installed or
+    beside the TOML file. theta is an array, radians; where the function cannot take one, a single angle at a time."""
+
+    @pydantic.model_validator(mode="after")
+    def _some(self) -> "RulesConfig":
+        if not self.names and not self.own:
+            raise ValueError("names: got none, expected at least one, or one in rules.own")
+        both = sorted(set(self.own) & set(EVERY))
+        if both:
+            raise ValueError(f"own: got {both[0]!r}, expected a name that is none of warpopt's own rules")
+        return self
+
+
+class CompareLight(LightAngles):
+    """Angles between light and view direction, in increasing order."""
+
+    @pydantic.field_validator("theta_deg")
+    @classmethod
+    def _increasing(cls, value: Any) -> Any:
+        given = value if isinstance(value, list) else [value.start, value.stop][: value.count]
+        if any(second <= first for first, second in itertools.pairwise(given)):
+            raise ValueError("expected increasing angles")
+        return value
+
+
+class CompareConfig(Section):
+    """Rules over a view frustum: `warpopt compare`."""
+
+    view: OneView
+    light: CompareLight
+    rules: RulesConfig = RulesConfig()
+    objective: ObjectiveConfig = ObjectiveConfig()
+    output: OutputConfig
+
+
+class SceneCompareConfig(SceneSettings):
+    """Rules over the receivers of a scene: `warpopt compare` with [camera], [light] and [receivers] as for `scene`."""
+
+    output: OutputConfig  # no matrices are written, so no convention is asked for
+    rules: RulesConfig = RulesConfig()
+
+
+def read_compare_config(path: Path, overrides: list[str]) -> CompareConfig | SceneCompareConfig:
+    """The configuration; a scene's if the file has a table [camera] or [receivers].
+
+    Raises:
+        ConfigError: as `read_config`.
+    """
+    data = read_data(path, overrides)
+    scene = bool({"camera", "receivers"} & set(data))
+    if scene and "view" in data:
+        beside = " and ".join(f"[{name}]" for name in ("camera", "receivers") if name in data)
+        raise ConfigError(
+            f"{path}: got [view] beside {beside}, expected a view frustum ([view], as in configs/compare.toml) or a "
+            "scene ([camera] and [receivers], as in configs/compare_landscape.toml)"
+        )
+    return validated(SceneCompareConfig if scene else CompareConfig, data, str(path))

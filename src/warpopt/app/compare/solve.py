@@ -1,0 +1,83 @@
+"""Rules beside the optimum and the limit: for each objective, over a view frustum or each camera of a scene."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import jax
+import numpy as np
+
+import warpopt
+from warpopt.objective import Objective
+
+from ..inputs.scene_files import SceneInput
+from ..inputs.scene_values import camera_of, receivers_of
+from .settings import CompareConfig, SceneCompareConfig
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Compared:
+    """One objective, over a view frustum or a scene's camera.
+
+    Attributes:
+        objective: what was minimised.
+        camera: index of the scene's distinct ones; None over a view frustum.
+        result: the numbers.
+    """
+
+    objective: Objective
+    camera: int | None
+    result: "warpopt.Comparison"
+
+    @property
+    def metric(self) -> str:
+        """Its name."""
+        return self.objective.name
+
+    @property
+    def norm(self) -> str:
+        """Its name."""
+        return self.objective.norm
+
+    @property
+    def title(self) -> str:
+        where = "" if self.camera is None else f", camera {self.camera}"
+        return f"{self.objective.title}{where}"
+
+
+def compare_over_frustum(
+    config: CompareConfig, rules: dict[str, Callable], progress: Callable[[str], None]
+) -> list[Compared]:
+    """Every objective over the view frustum."""
+    view = config.view
+    frustum = warpopt.ViewFrustum(view.near, view.far, math.radians(view.half_fov_deg))
+    seen = warpopt.FrustumView(frustum, np.deg2rad(config.light.values()))
+    compared = []
+    for objective in config.objective.objectives():
+        compared.append(Compared(objective, None, warpopt.compare_rules(seen, rules, objective)))
+        progress(compared[-1].title)
+    return compared
+
+
+def compare_over_scene(
+    config: SceneCompareConfig, scene: SceneInput, rules: dict[str, Callable], progress: Callable[[str], None]
+) -> list[Compared]:
+    """Every objective over the receivers of each distinct camera."""
+    if not scene.lights:
+        return []
+    asked = config.objective
+    lights = jax.vmap(warpopt.DirectionalLight)(np.array(scene.lights, float))
+    compared = []
+    views = [
+        warpopt.SceneView(
+            camera_of(camera), lights, receivers_of(config, scene, i),
+            screen=asked.screen, shadow_map=asked.shadow_map,
+        )
+        for i, camera in enumerate(scene.cameras)
+    ]  # fmt: skip
+    for objective in asked.objectives():
+        for i, view in enumerate(views):
+            result = warpopt.compare_rules(view, rules, objective, min_eta=asked.min_eta)
+            compared.append(Compared(objective, i, result))
+            progress(compared[-1].title)
+    return compared

@@ -1,0 +1,60 @@
+"""What `warpopt export` was asked for. Knows nothing of JAX."""
+
+import dataclasses
+from pathlib import Path
+from typing import get_args
+
+from warpopt.export.program import checked_prefix
+
+from ..common.output import TABLE_ENDINGS
+from ..common.settings import ConfigError, Metric
+
+CLOSED_FORM = "closed-form"
+_CODE = ("c", "cpp", "glsl", "hlsl", "wgsl")
+_DATA = tuple(ending[1:] for ending in TABLE_ENDINGS)
+
+
+@dataclasses.dataclass(frozen=True)
+class ExportRequest:
+    """What to export, to which languages and formats, and where to.
+
+    Attributes:
+        table: its file; None for the closed form of `metric`.
+        code: languages; data: formats of tables; both in the order asked for, each once.
+        prefix: of the names in code.
+    """
+
+    table: Path | None
+    metric: str
+    code: tuple[str, ...]
+    data: tuple[str, ...]
+    directory: Path
+    prefix: str
+
+    @classmethod
+    def of(cls, table: str, to: str, directory: Path, metric: str | None, prefix: str) -> "ExportRequest":
+        """The request in the words of the command line.
+
+        Raises:
+            ConfigError: every flaw, one a line.
+        """
+        closed = table == CLOSED_FORM
+        possible = _CODE if closed else _CODE + _DATA
+        names = dict.fromkeys(name.strip() for name in to.split(","))
+        flaws = [f"  to: got {name!r}, expected {', '.join(possible)}" for name in names if name not in possible]
+        if not closed and Path(table).suffix not in TABLE_ENDINGS:
+            flaws.append(
+                f"  table: got {table!r}, expected a file ending in {', '.join(TABLE_ENDINGS)}, or {CLOSED_FORM!r}"
+            )
+        if not closed and metric is not None:
+            flaws.append(f"  metric: got {metric!r} beside a table, which has its own")
+        if closed and metric is not None and metric not in get_args(Metric):
+            flaws.append(f"  metric: got {metric!r}, expected {', '.join(get_args(Metric))}")
+        try:
+            checked_prefix(prefix)
+        except ValueError as flaw:
+            flaws.append(f"  {flaw}")
+        if flaws:
+            raise ConfigError("\n".join([f"command line: {len(flaws)} flaw{'s' * (len(flaws) > 1)}", *flaws]))
+        code, data = (tuple(name for name in names if name in kind) for kind in (_CODE, _DATA))
+        return cls(None if closed else Path(table), metric or "p", code, data, directory, prefix)

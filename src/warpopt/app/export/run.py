@@ -1,0 +1,43 @@
+"""`warpopt export`: files for engines, all or none."""
+
+from pathlib import Path
+
+from warpopt._data_files import DataFileError
+from warpopt.export.closed_form import closed_form_source
+from warpopt.export.languages import LANGUAGES
+from warpopt.export.lookup import source
+from warpopt.table.lambda_table import LambdaTable
+
+from ..common.output import whole_files
+from ..common.settings import ConfigError
+from .request import ExportRequest
+
+
+def export(request: ExportRequest) -> int:
+    """Write the files and name them; 0.
+
+    Raises:
+        ConfigError: a table that cannot be read, or a place that holds what warpopt did not write.
+        OSError: a file cannot be written; all are then as they were.
+    """
+    directory, languages = request.directory, [form for name in request.code for form in LANGUAGES[name]]
+    contents: dict[Path, bytes] = {}
+    if request.table is None:
+        for form in languages:
+            text = closed_form_source(request.metric, form, request.prefix)
+            contents[directory / f"closed_form_{request.metric}{form.suffix}"] = text.encode()
+    else:
+        try:
+            table = LambdaTable.load(request.table)
+        except DataFileError as error:
+            raise ConfigError(str(error)) from None
+        stem = request.table.stem
+        for form in languages:
+            contents[directory / f"{stem}{form.suffix}"] = source(table, form, request.prefix).encode()
+        for name in request.data:
+            path = directory / f"{stem}.{name}"
+            contents[path] = table.encoded(path)
+    whole_files(contents)
+    for path in contents:
+        print(f"Written: {path}")
+    return 0

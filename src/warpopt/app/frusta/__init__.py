@@ -1,0 +1,1 @@
+"""Optima and rules over view frusta and directions, block by block: what `run`, `solve`, `rules` and `limit` share."""

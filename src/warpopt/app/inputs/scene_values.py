@@ -1,0 +1,37 @@
+"""A scene's cameras and receivers as the library's own."""
+
+import equinox as eqx
+import jax
+import numpy as np
+
+import warpopt
+from warpopt.receivers import ConvexBody, DepthBuffer, Receivers, WholeFrustum
+
+from ...scene_files.scene_camera import SceneCamera
+from .scene_files import SceneInput
+from .scene_settings import SceneSettings
+
+
+def camera_of(camera: SceneCamera) -> "warpopt.Camera":
+    """The library's camera."""
+    _, up, forward = camera.rotation
+    return warpopt.Camera.off_centre(
+        camera.position, forward, up, camera.near, camera.far, camera.window, handedness=camera.handedness
+    )
+
+
+def receivers_of(config: SceneSettings, scene: SceneInput, i: int) -> Receivers:
+    """What camera i must resolve."""
+    asked = config.receivers
+    if scene.depths:
+        return DepthBuffer(scene.depths[i], scene.encoding)
+    if asked.box is not None:
+        return ConvexBody.box(asked.box.lower, asked.box.upper)
+    if asked.planes is not None:
+        return ConvexBody(np.array(asked.planes.planes))
+    return WholeFrustum()
+
+
+def under_light(view: "warpopt.SceneView", k: int) -> "warpopt.SceneView":
+    """The view under the k-th of its lights."""
+    return eqx.tree_at(lambda v: v.light, view, jax.tree.map(lambda leaf: leaf[k], view.light))

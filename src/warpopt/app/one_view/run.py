@@ -1,0 +1,143 @@
+"""`warpopt solve` and `warpopt rules`: one problem, answered on the terminal."""
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import rich
+from jax.typing import ArrayLike
+from rich.table import Table
+
+import warpopt
+
+from ..common.output import whole_files
+from ..common.record import finite_or_none
+from ..common.settings import ConfigError
+from ..frusta.problem import View
+from ..frusta.solve import OptimumCurves, compute_sweep
+from .settings import Problem
+
+
+def _view(problem: Problem, theta: ArrayLike) -> "warpopt.FrustumView":
+    return warpopt.FrustumView(
+        warpopt.ViewFrustum(problem.near, problem.far, math.radians(problem.half_fov_deg)), theta
+    )  # fmt: skip
+
+
+def _swept(problem: Problem) -> OptimumCurves:
+    view = View(problem.near, problem.far, problem.half_fov_deg)
+    sweep = compute_sweep((view,), (), [problem.theta_deg], [problem.objective_value()])
+    return sweep.optima[0]
+
+
+def _optimum(problem: Problem, optimum: OptimumCurves) -> dict[str, Any]:
+    outcome = warpopt.Outcome(int(optimum.result[0, 0]))
+    lam = float(optimum.lam[0, 0])
+    return {
+        **problem.model_dump(),
+        "eta": finite_or_none(optimum.eta[0, 0]),
+        "lambda_over_mu": finite_or_none(optimum.lam_over_mu[0, 0]),
+        "lambda": finite_or_none(lam),
+        "no_warp": math.isinf(lam),
+        "value": finite_or_none(optimum.value[0, 0]),
+        "limit": finite_or_none(optimum.limit[0, 0]),
+        "over_limit": finite_or_none(optimum.over_limit[0, 0]),
+        "no_limit_because": _no_limit_because(optimum),
+        "outcome": outcome.name,
+        "outcome_sentence": outcome.sentence,
+        "residual": finite_or_none(optimum.residual[0, 0]),
+    }
+
+
+def _no_limit_because(optimum: OptimumCurves) -> str | None:
+    if optimum.no_limit_because or optimum.limit[0, 0] > 0:
+        return optimum.no_limit_because
+    return "All receivers are at one depth: the limit is 0." if optimum.limit[0, 0] == 0 else "The limit is not finite."
+
+
+def _objective(problem: Problem) -> str:
+    return f"{problem.objective_value().title}, measure {problem.measure}"
+
+
+def _shown(value: Any, no_warp: bool = False, digits: int = 10) -> str:
+    if value is None:
+        return "inf (no warp)" if no_warp else "none"
+    return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+
+
+def solve(problem: Problem, as_json: bool) -> int:
+    """Print the optimal warp; 0 if it was found, 1 if not."""
+    answer = _optimum(problem, _swept(problem))
+    if as_json:
+        print(json.dumps(answer, indent=2, allow_nan=False))
+    else:
+        table = Table(show_header=False, title=f"Optimal warp: {_objective(problem)}")
+        for key in ("eta", "lambda_over_mu", "lambda", "value"):
+            table.add_row(key, _shown(answer[key], answer["no_warp"]))
+        table.add_row("limit", answer["no_limit_because"] or _shown(answer["limit"]))
+        if answer["over_limit"] is not None:
+            table.add_row("value / limit", _shown(answer["over_limit"]))
+        table.add_row("outcome", answer["outcome_sentence"])
+        rich.print(table)
+    return 0 if warpopt.Outcome[answer["outcome"]].succeeded else 1
+
+
+def rules(problem: Problem, as_json: bool) -> int:
+    """Print every rule, published and engines', beside the optimum; 0 if the optimum was found, 1 if not."""
+    answer = _optimum(problem, _swept(problem))
+    view = _view(problem, [math.radians(problem.theta_deg)])
+    compared = warpopt.compare_rules(view, None, problem.objective_value())
+    warps = warpopt.Warp.from_eta(compared.eta[:, 0], compared.solution.warp)
+    over_limit = None if compared.over_bound is None else compared.over_bound[:, 0]
+    rows = {
+        name: {
+            "lambda": finite_or_none(warps.lam[i]) if defined else None,
+            "lambda_over_mu": finite_or_none(warps.lam_over_mu[i]) if defined else None,
+            "no_warp": bool(defined and warps.no_warp[i]),
+            "defined": bool(defined),
+            "ratio": finite_or_none(compared.ratio[i, 0]),
+            "over_limit": None if over_limit is None else finite_or_none(over_limit[i]),
+        }
+        for i, (name, defined) in enumerate(zip(compared.names, compared.defined[:, 0], strict=True))
+    }
+    if as_json:
+        print(json.dumps({"optimum": answer, "rules": rows}, indent=2, allow_nan=False))
+    else:
+        table = Table(title=f"{_objective(problem)}: error over the optimum's", caption="-: not defined here")
+        over_limit = [] if answer["no_limit_because"] else ["over_limit"]
+        for column in ("rule", "lambda", "lambda/mu", "ratio", *(["over the limit"] if over_limit else [])):
+            table.add_column(column, justify="left" if column == "rule" else "right", no_wrap=column == "rule")
+        shown = ["lambda", "lambda_over_mu", "ratio", *over_limit]
+        for name, row in {"optimum": answer | {"ratio": 1, "defined": True}, **rows}.items():
+            cells = (
+                _shown(row[key], row["no_warp"] and key.startswith("lambda"), 6) if row["defined"] else "-"
+                for key in shown
+            )
+            table.add_row(name, *cells, style="bold" if name == "optimum" else None)
+        rich.print(table)
+        if answer["no_limit_because"]:
+            rich.print(answer["no_limit_because"])
+    return 0 if warpopt.Outcome[answer["outcome"]].succeeded else 1
+
+
+def write_limit_map(problem: Problem, files: Sequence[Path]) -> int:
+    """Write the best map of E_p to each of the files, all or none, and say what it reaches; 0.
+
+    Raises:
+        ConfigError: there is no map (receivers at one depth), or a place holds what warpopt did not write.
+        OSError: a file cannot be written; all are then as they were.
+    """
+    try:
+        objective = warpopt.Objective("p", problem.norm, problem.measure)
+        best = warpopt.lower_bound_map(_view(problem, math.radians(problem.theta_deg)), objective)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    whole_files({path: best.encoded(path) for path in files})
+    optimum = float(_swept(problem).over_limit[0, 0])
+    print(f"{len(best.delta)} knots; {_objective(problem)}: {best.value:.6g}")
+    print(f"The optimal perspective warp's is {optimum:.4g} times that.")
+    for path in files:
+        print(f"Written: {path}")
+    return 0

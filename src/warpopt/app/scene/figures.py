@@ -1,0 +1,244 @@
+"""The pictures of a scene: error maps over the image, and curves along a light's path."""
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+import warpopt
+
+from ..common import figure_style as style
+from ..common.error_maps import Seen, errors, image_of, section_of, shading
+from ..common.words import phrase
+from ..inputs.scene_files import SceneInput
+from ..inputs.scene_values import camera_of, receivers_of
+from .settings import SceneConfig
+from .solve import Solved
+
+MOST_MAPS = 12
+_DPI = 160
+_SECTION = (270, 480)  # rows and columns
+_SKY = "#dfe5ea"
+_NAMES = {**style.METRIC_LABELS, "max": r"$\max(E_p, E_q)$"}
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+
+
+def write_scene_figures(
+    config: SceneConfig, scene: SceneInput, solved: list[Solved], folder: Path
+) -> list[tuple[str, str]]:
+    """Write the pictures; (file stem, caption) of each."""
+    figures = []
+    drawable = [s for s in solved if s.outcome.succeeded and s.outcome is not warpopt.Outcome.empty]
+    if len(scene.lights) > 1 and drawable:
+        path_figure(config, scene, solved).savefig(folder / "light_path.png", dpi=_DPI)
+        caption = "The optimal warp along the light's path, and the error with it and without a warp (dotted)."
+        shown = min(len(_objectives(solved)), len(_COLOURS))
+        if shown < len(_objectives(solved)):
+            caption += f" The first {shown} of {len(_objectives(solved))} objectives."
+        figures.append(("light_path", caption))
+    # The same cameras and lights for every objective, so that pictures can be compared.
+    places = sorted({(s.camera, s.light) for s in drawable})
+    count = min(len(places), max(1, MOST_MAPS // max(1, len(_objectives(solved)))))
+    shown_places = {places[i] for i in np.linspace(0, len(places) - 1, count).round().astype(int)} if places else set()
+    chosen = [s for s in drawable if (s.camera, s.light) in shown_places][:MOST_MAPS]
+    for s in chosen:
+        seen = seen_of(config, scene, s)
+        if not np.isfinite(seen.depth).any():
+            continue  # a body between two pixels' centres
+        norm = s.norm.replace(".", "_")
+        stem = f"error_map_camera{s.camera}_light{s.light}_{s.metric}_{norm}"
+        error_map(config, seen, s).savefig(folder / f"{stem}.png", dpi=_DPI)
+        where = "pixel" if seen.extent is None else "point of a section along the light"
+        hours = [f"{step.hour:.4g}" for step in scene.steps if step.light == s.light and step.hour is not None]
+        when = f", at {phrase(hours)} h" if hours else ""
+        caption = f"Error at each {where}, {s.title}{when}."
+        if config.objective.screen:
+            caption += " The thin line: one pixel per texel."
+        if len(drawable) > len(chosen):
+            caption += f" One of {len(chosen)} pictures, lights evenly chosen, from {len(drawable)} problems."
+        figures.append((stem, caption))
+    return figures
+
+
+def seen_of(config: SceneConfig, scene: SceneInput, s: Solved) -> Seen:
+    """The image where there is one, else a section along the light: bodies have no surface to show."""
+    camera, receivers = scene.cameras[s.camera], receivers_of(config, scene, s.camera)
+    if scene.depths:
+        return image_of(camera, np.asarray(receivers.eye_depth(camera_of(camera))))
+    body = config.receivers.box is not None or config.receivers.planes is not None
+    planes = np.asarray(receivers.planes) if body else np.zeros((0, 4))
+    return section_of(camera, planes, s.mapping, *_SECTION)
+
+
+@style.house_style()
+def error_map(config: SceneConfig, seen: Seen, s: Solved) -> Figure:
+    """The scene, its error with the optimal warp and without one, on one colour scale."""
+    best, plain = (errors(s.mapping, seen, s.metric, warped) for warped in (True, False))
+    both = np.concatenate([best[np.isfinite(best)], plain[np.isfinite(plain)]])
+    low, high = np.quantile(both, 0.005), both.max() or 1.0  # E_q of receivers without width is 0
+    low = max(min(low, high / 1.5), high * 1e-5)
+    section = seen.extent is not None
+    rows, columns = best.shape
+    width = min(3.4, 3.4 * columns / rows)
+    height = width * rows / columns
+    panels = 2 if section else 3
+    left, top, gap = (0.7 if section else 0.12), 0.5, (0.3 if section else 0.1)
+    figure = style.new_figure(left + panels * (width + gap) + 0.95, top + height + (0.55 if section else 0.12))
+    places = [style.place(figure, left + i * (width + gap), top, width, height) for i in range(panels)]
+    if not section:
+        _panel(places[0])
+        places[0].imshow(_tinted(shading(seen, s.mapping.light)), aspect="auto", interpolation="antialiased")
+        _title(places[0], "What the camera sees", f"light at θ = {s.row['theta_deg']:.0f}° to the view")
+    strength = f"λ/μ = {s.row['lambda_over_mu']:.3g}" if s.row["lambda_over_mu"] is not None else "λ = ∞"
+    titles = (
+        ("Optimal warp" if not s.row["no_warp"] else "Optimal: no warp", f"{strength}, {_worst(s, 'value', best)}"),
+        ("No warp", _worst(s, "unwarped", plain)),
+    )
+    scale = LogNorm(low, high)
+    for axes, error, title in zip(places[-2:], (best, plain), titles, strict=True):
+        image = _map(axes, error, scale, config.objective.screen is not None)
+        if section:
+            _section_axes(axes, seen.extent, error.shape)
+        _title(axes, *title)
+    if section:
+        places[1].tick_params(labelleft=False)
+        words = f"slope towards the light (θ = {s.row['theta_deg']:.0f}°)"
+        style.beside(places[0], words, (0, 0.5), (-40, 0), rotation=90)
+    bar = style.place(figure, left + panels * (width + gap) + 0.02, top, 0.13, height)
+    figure.colorbar(image, cax=bar)
+    style.log_axis(bar, (low, high))
+    bar.yaxis.tick_right()
+    bar.tick_params(labelleft=False, labelright=True)
+    unit = ", pixels per texel" if config.objective.screen and s.metric != "pxq" else ""
+    unit = ", pixels per texel, squared" if config.objective.screen and s.metric == "pxq" else unit
+    style.beside(bar, f"{_NAMES[s.metric]}{unit}", (1, 0.5), (38, 0), rotation=90)
+    return figure
+
+
+def _worst(s: Solved, key: str, error: np.ndarray) -> str:
+    worst = f"at worst {_number(np.nanmax(error))}"
+    return worst if s.norm == "inf" else f"{style.norm_label(s.norm)} norm {_number(s.row[key])}, {worst}"
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if 1000 <= value < 1e7 else f"{value:.3g}"
+
+
+def _panel(axes: Axes) -> None:
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.set_facecolor(_SKY)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+
+
+def _title(axes: Axes, title: str, words: str) -> None:
+    style.beside(axes, title, (0, 1), (0, 17), ha="left", va="bottom", fontsize=9.5, fontweight="bold")
+    style.beside(axes, words, (0, 1), (0, 4), ha="left", va="bottom", color=style.MUTED)
+
+
+def _map(axes: Axes, error: np.ndarray, scale: LogNorm, pixels: bool):
+    _panel(axes)
+    colours = matplotlib.colormaps["magma"]
+    image = axes.imshow(error, norm=scale, cmap=colours, aspect="auto", interpolation="nearest")
+    if pixels and np.nanmin(error) < 1 < np.nanmax(error):
+        # Where a texel is as large as a pixel.
+        axes.contour(error, levels=[1.0], colors=["#7fe7dc"], linewidths=0.7)
+    row, column = np.unravel_index(np.nanargmax(error), error.shape)
+    for size, colour in ((2.2, "white"), (0.9, style.INK)):
+        axes.plot(column, row, "o", mfc="none", mec=colour, mew=size, ms=7, clip_on=False)
+    axes.set_xlim(-0.5, error.shape[1] - 0.5)
+    axes.set_ylim(error.shape[0] - 0.5, -0.5)
+    return image
+
+
+def _section_axes(axes: Axes, extent: tuple[float, float, float, float], shape: tuple[int, int]) -> None:
+    """Ticks in eye depth, on a log scale, and in slopes; the image itself counts pixels."""
+    first, last, low, high = extent
+    rows, columns = shape
+    decades = range(int(np.floor(np.log10(first))), int(np.ceil(np.log10(last))) + 1)
+    steps = (1, 2, 5) if last / first < 1000 else (1,)
+    depths = [step * 10.0**k for k in decades for step in steps if first <= step * 10.0**k <= last * (1 + 1e-12)]
+    at = [np.log(z / first) / np.log(last / first) * columns - 0.5 for z in depths]
+    axes.set_xticks(at, [style.power_text(z) for z in depths])
+    slopes = [v for v in MaxNLocator(5).tick_values(low, high) if low <= v <= high]
+    axes.set_yticks(
+        [(high - v) / (high - low) * rows - 0.5 for v in slopes], [f"{v:.3g}".replace("-", "−") for v in slopes]
+    )
+    style.beside(axes, "eye depth", (0.5, 0), (0, -24))
+
+
+def _tinted(shade: np.ndarray) -> np.ndarray:
+    """Warm grey in the light, blue-grey away from it, and sky."""
+    dark, bright = np.array([0.16, 0.19, 0.25]), np.array([0.98, 0.95, 0.88])
+    colour = dark + np.nan_to_num(shade)[..., None] * (bright - dark)
+    sky = np.array(matplotlib.colors.to_rgb(_SKY))
+    return np.clip(np.where(np.isfinite(shade)[..., None], colour, sky), 0, 1)
+
+
+def _objectives(solved: list[Solved]) -> list[tuple[int, str, str]]:
+    return list(dict.fromkeys((s.camera, s.metric, s.norm) for s in solved))
+
+
+@style.house_style()
+def path_figure(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> Figure:
+    """Strength of the optimal warp, and errors with it and without, at every step of the light's path."""
+    by_place = {(s.camera, s.light, s.metric, s.norm): s for s in solved}
+    sun = scene.steps[0].hour is not None
+    x = np.array([step.hour if sun else step.index for step in scene.steps])
+    figure = style.new_figure(6.4, 4.9)
+    upper = style.place(figure, 0.8, 0.25, 3.9, 1.85)
+    lower = style.place(figure, 0.8, 2.3, 3.9, 1.95)
+    handles, values = [], []
+    for (camera, metric, norm), colour in zip(_objectives(solved), _COLOURS, strict=False):
+        steps = [None if step.light is None else by_place[camera, step.light, metric, norm] for step in scene.steps]
+
+        def curve(key: str, steps=steps) -> np.ndarray:
+            found = [np.nan if s is None or s.row[key] is None else s.row[key] for s in steps]
+            return np.array(found, float)
+
+        label = f"{_NAMES[metric]}, {style.norm_label(norm)}"
+        label += f", camera {camera}" if len(scene.cameras) > 1 else ""
+        marker = "o" if len(x) <= 60 else ""
+        (line,) = upper.plot(x, curve("eta"), color=colour, lw=1.6, marker=marker, ms=2.8, label=label)
+        lower.plot(x, _positive(curve("value")), color=colour, lw=1.6, marker=marker, ms=2.8)
+        lower.plot(x, _positive(curve("unwarped")), color=colour, lw=1.2, ls=(0, (1, 1.4)))
+        handles.append(line)
+        values += [curve("value"), curve("unwarped")]
+    etas = np.concatenate([line.get_ydata() for line in handles])
+    _log(upper, etas, most=1.0)
+    _log(lower, np.concatenate(values))
+    room = 0.02 * (np.ptp(x) or 1)
+    for axes in (upper, lower):
+        axes.set_xlim(x.min() - room, x.max() + room)
+        axes.grid(axis="both", color="#e4e4e4", linewidth=0.6)
+        axes.set_axisbelow(True)
+        axes.spines[["top", "right"]].set_visible(False)
+    upper.tick_params(labelbottom=False)
+    style.beside(upper, "η = λ/(λ + μ)", (0, 0.5), (-44, 0), rotation=90)
+    unit = "error (pixels per texel)" if config.objective.screen else "error"
+    style.beside(lower, unit, (0, 0.5), (-44, 0), rotation=90)
+    style.beside(lower, "solar time (hours)" if sun else "step of the light's path", (0.5, 0), (0, -24))
+    style.legend_at(figure, 4.95, 0.3, handles, "optimal warp")
+    style.write_at(figure, 4.95, 2.4, "solid: optimal warp\ndotted: no warp", va="top", color=style.MUTED, fontsize=8)
+    upper.axhline(1, color=style.MUTED, linewidth=0.9, linestyle=(0, (1, 1.4)), zorder=1)
+    upper.annotate("no warp", (x.max(), 1), xytext=(0, 3), textcoords="offset points", ha="right", color=style.MUTED)
+    return figure
+
+
+def _positive(values: np.ndarray) -> np.ndarray:
+    """Empty scenes have error 0, which a log axis has no place for."""
+    return np.where(values > 0, values, np.nan)
+
+
+def _log(axes: Axes, values: np.ndarray, most: float | None = None) -> None:
+    values = values[np.isfinite(values) & (values > 0)]
+    if not len(values):
+        values = np.ones(1)
+    low, high = values.min(), max(values.max(), most or 0)
+    span = max((high / low) ** 0.06, 1.08)
+    style.log_axis(axes, (low / span, high * span))

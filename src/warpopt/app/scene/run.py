@@ -1,0 +1,128 @@
+"""`warpopt scene`: a scene in, a folder with its warps, matrices and error maps out."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import jax
+from rich.console import Console
+from rich.table import Table
+
+from ..common.output import whole_folder
+from ..common.record import environment, outcome_counts, progress_bar, timed, write_csv, write_json, write_mark
+from ..inputs.scene_files import SceneInput
+from .report import scene_report, short
+from .settings import SceneConfig
+from .solve import Solved, solve_scene
+
+_COLUMNS = (
+    "camera", "light", "x", "y", "z", "theta_deg", "metric", "norm", "eta", "lambda", "lambda_over_mu", "mu", "value",
+    "unwarped", "limit", "over_limit", "margin", "excess", "outcome",
+)  # fmt: skip
+_SHOWN = {
+    "camera": "camera",
+    "light": "light",
+    "metric": "metric",
+    "norm": "norm",
+    "theta_deg": "theta",
+    "lambda_over_mu": "λ/μ",
+    "value": "error",
+    "unwarped": "no warp",
+    "outcome": "outcome",
+}
+_MOST_SHOWN = 24  # problems in the terminal; the report has them all
+
+
+def run_scene(config: SceneConfig, scene: SceneInput, console: Console | None = None) -> int:
+    """Solve, write, summarise; 0 if every problem was solved, 1 if not.
+
+    Raises:
+        ConfigError: the output folder cannot be written, or is not an earlier result.
+    """
+    console = console or Console()
+    objective = config.objective
+    count = len(scene.cameras) * len(scene.lights) * len(objective.metrics) * len(objective.norms)
+    with whole_folder(config.output.directory) as folder, progress_bar(console, count) as progress:
+        timings = {}
+        with timed(timings, "solve_s"):
+            solved = solve_scene(config, scene, progress)
+        with timed(timings, "figures_s"):
+            figures = _figures(config, scene, solved, folder) if config.output.figures and solved else []
+        write_json(folder / "scene.json", _scene_record(config, scene, solved))
+        write_scene_table(solved, folder / "table.csv")
+        (folder / "report.md").write_text(scene_report(config, scene, solved, figures), encoding="utf-8")
+        readers = (("trimesh", config.receivers.gltf), ("OpenEXR", _exr(config)))
+        used = tuple(name for name, asked in readers if asked)
+        outcomes = outcome_counts([s.outcome for s in solved])
+        dtype = jax.numpy.zeros(0).dtype
+        write_mark(folder, environment(config, dtype, timings, used) | {"outcomes": outcomes})
+    failures = sum(not s.outcome.succeeded for s in solved)
+    _summarise(console, config, scene, solved, failures)
+    return 1 if failures else 0
+
+
+def _figures(config: SceneConfig, scene: SceneInput, solved: list[Solved], folder: Path) -> list[tuple[str, str]]:
+    # Imported here: matplotlib's first import on a machine looks through all its fonts.
+    from .figures import write_scene_figures
+
+    return write_scene_figures(config, scene, solved, folder)
+
+
+def write_scene_table(solved: list[Solved], path: Path) -> None:
+    """One row for each problem; empty where there is no number, lambda = inf where no warp is best."""
+    rows = []
+    for s in solved:
+        row = s.row | dict(zip("xyz", s.row["direction"], strict=True))
+        if row["no_warp"]:
+            row |= {"lambda": "inf", "lambda_over_mu": "inf"}
+        rows.append(["" if row[name] is None else row[name] for name in _COLUMNS])
+    write_csv(path, _COLUMNS, rows)
+
+
+def _scene_record(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> dict[str, Any]:
+    """Everything of the solution; strict JSON."""
+    return {
+        "convention": {
+            "name": config.output.convention,
+            "reversed_z": config.output.reversed_z,
+            "vectors": "row" if config.output.convention == "direct3d" else "column",
+        },
+        "cameras": [
+            {
+                "position": camera.position.tolist(),
+                "right": camera.rotation[0].tolist(),
+                "up": camera.rotation[1].tolist(),
+                "forward": camera.rotation[2].tolist(),
+                "near": camera.near,
+                "far": camera.far,
+                "window": list(camera.window),
+            }
+            for camera in scene.cameras
+        ],
+        "camera_of": scene.camera_of,
+        "lights": [list(direction) for direction in scene.lights],
+        "steps": [dataclasses.asdict(step) for step in scene.steps],
+        "problems": [s.row for s in solved],
+    }
+
+
+def _exr(config: SceneConfig) -> bool:
+    depth = config.receivers.depth
+    return depth is not None and any(file.suffix.lower() == ".exr" for file in depth.files)
+
+
+def _summarise(console: Console, config: SceneConfig, scene: SceneInput, solved: list[Solved], failures: int) -> None:
+    table = Table(title="Optimal warps")
+    for name, head in _SHOWN.items():
+        table.add_column(head, justify="left" if name == "outcome" else "right")
+    for s in solved[:_MOST_SHOWN]:
+        table.add_row(*(short(s.row, name) for name in _SHOWN))
+    if solved:
+        console.print(table)
+    if len(solved) > _MOST_SHOWN:
+        console.print(f"... and {len(solved) - _MOST_SHOWN} more in table.csv")
+    if not scene.lights:
+        console.print("The sun is below the horizon all the time: there is nothing to solve.")
+    if failures:
+        console.print(f"{failures} problem(s) failed; scene.json tells which and why.", style="bold red")
+    console.print(f"Written: {config.output.directory}: report.md, scene.json, table.csv, run.json", soft_wrap=True)

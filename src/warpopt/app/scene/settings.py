@@ -1,0 +1,23 @@
+"""The configuration of `warpopt scene`: a scene, and where its results go. Knows nothing of JAX."""
+
+from pathlib import Path
+from typing import Literal
+
+from ..common.settings import Section
+from ..inputs.scene_settings import SceneSettings
+
+
+class SceneOutput(Section):
+    """Where the results go, and for which graphics interface the matrices are."""
+
+    directory: Path
+    figures: bool = True
+    convention: Literal["opengl", "direct3d", "vulkan"] = "opengl"
+    """direct3d: for row vectors; the others for column vectors."""
+    reversed_z: bool = False
+
+
+class SceneConfig(SceneSettings):
+    """One run of `warpopt scene`. Paths of scene files are relative to the TOML file."""
+
+    output: SceneOutput

@@ -1,0 +1,165 @@
+"""The problems of a scene: for each objective one compiled program, and for each camera one call over all lights."""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+import warpopt
+from warpopt.objective import Objective
+
+from ..common.error_maps import Mapping
+from ..common.record import finite_or_none
+from ..inputs.scene_files import SceneInput
+from ..inputs.scene_values import camera_of, receivers_of, under_light
+from .settings import SceneConfig
+
+_TOGETHER = 64  # lights in one batch
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Solved:
+    """One camera, light direction and objective.
+
+    Attributes:
+        camera, light: indices of the scene's distinct ones.
+        objective: what was minimised.
+        row: what the files say of it: finite numbers, text and None.
+        outcome: how the solve ended.
+        mapping: what its errors depend on, for pictures.
+        alone: whether the scene has no other camera.
+    """
+
+    camera: int
+    light: int
+    objective: Objective
+    row: dict[str, Any]
+    outcome: "warpopt.Outcome"
+    mapping: Mapping
+    alone: bool
+
+    @property
+    def metric(self) -> str:
+        """Its name."""
+        return self.objective.name
+
+    @property
+    def norm(self) -> str:
+        """Its name."""
+        return self.objective.norm
+
+    @property
+    def title(self) -> str:
+        camera = "" if self.alone else f"camera {self.camera}, "
+        return f"{camera}light {self.light}, {self.objective.title}"
+
+
+def solve_scene(config: SceneConfig, scene: SceneInput, progress: Callable[[str], None]) -> list[Solved]:
+    """Every metric and norm that was asked for, over every distinct camera and light."""
+    if not scene.lights:
+        return []
+    lights = jax.vmap(warpopt.DirectionalLight)(np.array(scene.lights, float))
+    casters = None if scene.casters is None else jax.numpy.asarray(scene.casters)  # once on the device
+    views = [
+        warpopt.SceneView(
+            camera_of(camera), lights, receivers_of(config, scene, i),
+            screen=config.objective.screen, shadow_map=config.objective.shadow_map,
+        )
+        for i, camera in enumerate(scene.cameras)
+    ]  # fmt: skip
+    solved = []
+    for objective in config.objective.objectives():
+        for i, view in enumerate(views):
+            found = jax.device_get(_over_lights(view, casters, objective, clip_space(config), config.objective.min_eta))
+            for k, direction in enumerate(scene.lights):
+                one = jax.tree.map(lambda v, k=k: v[k], found)
+                problem = _solved(one, (i, k), list(direction), objective, len(views) == 1)
+                problem.row.update(_limit(under_light(view, k), objective, problem.row["value"]))
+                solved.append(problem)
+                progress(problem.title)
+    return solved
+
+
+@dataclasses.dataclass(frozen=True)
+class _Found:
+    """What one call computes for each light."""
+
+    solution: "warpopt.SceneSolution"
+    matrix: np.ndarray
+    lam: np.ndarray
+    lam_over_mu: np.ndarray
+    width: np.ndarray
+    plain_width: np.ndarray
+
+
+jax.tree_util.register_dataclass(_Found)
+
+
+@functools.partial(jax.jit, static_argnames=("objective", "convention", "min_eta"))
+def _over_lights(
+    view: "warpopt.SceneView", casters: jax.Array | None, objective: Objective, convention: "warpopt.ClipSpace",
+    min_eta: float,
+) -> _Found:  # fmt: skip
+    """Every light of a view."""
+
+    def one(light) -> _Found:
+        reduced = eqx.tree_at(lambda v: v.light, view, light).reduced(objective)
+        solution = warpopt.optimal_warp(reduced, objective, min_eta=min_eta, throw=False)
+        warp, half_widths = solution.warp, solution.footprint.half_widths
+        matrix = warpopt.shadow_matrix(reduced, solution, convention, casters=casters)
+        widths = (sum(half_widths(eta)) for eta in (warp.eta, jax.numpy.ones_like(warp.eta)))
+        return _Found(solution, matrix, warp.lam, warp.lam_over_mu, *widths)
+
+    together = 1 if view.receivers.one_at_a_time else _TOGETHER
+    return jax.lax.map(one, view.light, batch_size=min(together, len(view.light.direction)))
+
+
+def clip_space(config: SceneConfig) -> "warpopt.ClipSpace":
+    """The convention that was asked for."""
+    make = getattr(warpopt.ClipSpace, config.output.convention)
+    return make(reversed_z=config.output.reversed_z)
+
+
+def _limit(view: "warpopt.SceneView", objective: Objective, value: float | None) -> dict[str, Any]:
+    """The part of a problem's row about the lower bound."""
+    least, reason = None, objective.no_bound_because
+    if reason is None:
+        least = warpopt.lower_bound(view, objective)
+        reason = None if least > 0 else "There are no receivers, or all are at one depth: the limit is 0."
+    over_limit = value / least if least and value is not None else None
+    return {"limit": least, "over_limit": over_limit, "no_limit_because": reason}
+
+
+def _solved(found: _Found, place: tuple[int, int], direction: list[float], objective: Objective, alone: bool) -> Solved:
+    solution, matrix = found.solution, found.matrix
+    outcome = warpopt.Outcome(int(solution.result))
+    mapping = Mapping.of(solution, found.width, found.plain_width)
+    there = outcome is not warpopt.Outcome.empty  # an empty scene has no warp and no matrix
+    usable = there and bool(np.isfinite(matrix).all())
+    reason = None if usable else outcome.sentence if not (there and outcome.succeeded) else "The matrix is not finite."
+    row = {
+        "camera": place[0],
+        "light": place[1],
+        "direction": direction,
+        "theta_deg": finite_or_none(np.rad2deg(solution.frame.theta)),
+        "metric": objective.name,
+        "norm": objective.norm,
+        "eta": finite_or_none(solution.warp.eta) if there else None,
+        "lambda": finite_or_none(found.lam) if there else None,
+        "lambda_over_mu": finite_or_none(found.lam_over_mu) if there else None,
+        "mu": finite_or_none(solution.warp.mu) if there else None,
+        "no_warp": there and bool(np.isinf(found.lam)),
+        "value": finite_or_none(solution.value),
+        "unwarped": finite_or_none(solution.unwarped),
+        "margin": finite_or_none(solution.margin) if there and outcome is not warpopt.Outcome.flat else None,
+        "excess": finite_or_none(solution.excess),
+        "outcome": outcome.name,
+        "sentence": outcome.sentence,
+        "matrix": matrix.tolist() if usable else None,
+        "no_matrix_because": reason,
+    }
+    return Solved(*place, objective, row, outcome, mapping, alone)

@@ -1,0 +1,97 @@
+"""The configuration of `warpopt table`: view, light, objective, promise. Knows nothing of JAX."""
+
+from pathlib import Path
+from typing import Annotated
+
+import pydantic
+from pydantic import Field
+
+from ..common.output import TABLE_ENDINGS
+from ..common.settings import HalfFovDeg, NearFar, OneObjective, Positive, Section
+
+
+class Rising(Section):
+    """What has a start and a stop beyond it."""
+
+    @pydantic.field_validator("stop", check_fields=False)
+    @classmethod
+    def _after_start(cls, stop: float, info: pydantic.ValidationInfo) -> float:
+        start = info.data.get("start")
+        if start is not None and stop <= start:
+            raise ValueError(f"expected more than start = {start}")
+        return stop
+
+
+class Span(Rising):
+    """Smallest and largest value that a table covers."""
+
+    start: Positive
+    stop: Positive
+
+
+class TableView(NearFar):
+    """One view frustum, of which only far/near and the field of view matter; or ranges of either."""
+
+    near: Positive = 1.0
+    far: Positive | None = None
+    half_fov_deg: HalfFovDeg | None = None
+    far_over_near: Span | None = None
+    """In the place of `far`: the table has an axis far/near."""
+    half_fov_deg_range: Span | None = None
+    """In the place of `half_fov_deg`: the table has an axis of the field of view."""
+
+    @pydantic.model_validator(mode="after")
+    def _one_of_each(self) -> "TableView":
+        for one, other in (("far", "far_over_near"), ("half_fov_deg", "half_fov_deg_range")):
+            if (getattr(self, one) is None) == (getattr(self, other) is None):
+                raise ValueError(f"expected one of {one} and {other}")
+        if self.far_over_near is not None and self.far_over_near.start <= 1:
+            raise ValueError(f"far_over_near.start: got {self.far_over_near.start:g}, expected more than 1")
+        if self.half_fov_deg_range is not None and self.half_fov_deg_range.stop >= 90:
+            raise ValueError(f"half_fov_deg_range.stop: got {self.half_fov_deg_range.stop:g}, expected less than 90")
+        return self
+
+
+class ThetaSpan(Rising):
+    """First and last angle between light and view direction; beyond 90 degrees a look-up folds them."""
+
+    start: Annotated[float, Field(ge=0, lt=90, strict=True)] = 0.0
+    stop: Annotated[float, Field(gt=0, le=90, strict=True)] = 90.0
+
+
+class TableLight(Section):
+    """The directions that the table covers."""
+
+    theta_deg: ThetaSpan = ThetaSpan()
+
+
+class TableObjective(OneObjective):
+    """What is minimised, and how much of it a look-up may lose."""
+
+    max_regret: Positive = 1e-3
+    """The promise: value/minimum - 1 stays below it in every direction."""
+    max_slope: Positive | None = None
+    """Bound on |d log(eta) / d theta| per radian, under which the largest regret is close to the least possible."""
+
+
+class TableOutput(Section):
+    """Where the table goes."""
+
+    file: Path
+    """Ends in .npz, .csv or .json."""
+
+    @pydantic.field_validator("file")
+    @classmethod
+    def _ending(cls, file: Path) -> Path:
+        if file.suffix not in TABLE_ENDINGS:
+            raise ValueError(f"expected an ending of {', '.join(TABLE_ENDINGS[:-1])} or {TABLE_ENDINGS[-1]}")
+        return file
+
+
+class TableConfig(Section):
+    """One table: `warpopt table`."""
+
+    view: TableView
+    light: TableLight = TableLight()
+    objective: TableObjective = TableObjective()
+    output: TableOutput

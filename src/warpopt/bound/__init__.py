@@ -1,0 +1,1 @@
+"""What no map can better."""

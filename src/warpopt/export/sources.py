@@ -1,0 +1,57 @@
+"""Source code by the name of its language: the public way to the exporters."""
+
+from .._checks import instance
+from ..table.lambda_table import LambdaTable
+from .closed_form import closed_form_source
+from .languages import LANGUAGES, Language
+from .lookup import source
+
+# Of a language in several versions the first serves all: what is written for GLSL 330 compiles as 450 too.
+_BY_NAME = {
+    **{name: forms[0] for name, forms in LANGUAGES.items()},
+    **{f"glsl{form.suffix.split('.')[1]}": form for form in LANGUAGES["glsl"]},
+}
+
+
+def export_source(table: LambdaTable, language: str, prefix: str = "warpopt") -> str:
+    """The code that looks a table up: its data, `warpopt_eta` and `warpopt_lambda`. Equal for equal tables.
+
+    Args:
+        table: by `build_table`, or loaded.
+        language: "c", "cpp", "glsl", "glsl330", "glsl450", "hlsl" or "wgsl".
+        prefix: of all names that the code defines.
+
+    Raises:
+        ValueError: what is no table, another language, or a prefix that is no name.
+
+    Example:
+        >>> import warpopt
+        >>> table = warpopt.build_table(warpopt.ViewFrustum(1.0, 100.0, 0.5236), max_regret=1e-2)
+        >>> "static inline float warpopt_eta(float theta, float z_near, float z_far)" in export_source(table, "c")
+        True
+    """
+    instance("table", table, LambdaTable)
+    return source(table, _language(language), prefix)
+
+
+def export_closed_form(metric: str, language: str, prefix: str = "warpopt") -> str:
+    """The code of the exact optimum in L-inf over any view frustum.
+
+    Args:
+        metric: "p", "q" or "pxq".
+        language, prefix: as for `export_source`.
+
+    Raises:
+        ValueError: another metric or language, or a prefix that is no name.
+
+    Example:
+        >>> "warpopt_lambda(" in export_closed_form("p", "hlsl")
+        True
+    """
+    return closed_form_source(metric, _language(language), prefix)
+
+
+def _language(name: str) -> Language:
+    if name not in _BY_NAME:
+        raise ValueError(f"language: got {name!r}, expected one of {', '.join(map(repr, _BY_NAME))}")
+    return _BY_NAME[name]

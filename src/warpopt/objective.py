@@ -1,0 +1,233 @@
+"""What is minimised, as one static value: a metric, the order of a norm, and the measure that the norm is taken over.
+
+Knows nothing of JAX, so that settings are checked before it is imported.
+"""
+
+import dataclasses
+import math
+import numbers
+from typing import Literal, get_args
+
+Measure = Literal["volume", "screen", "log_depth", "ground", "axis"]
+# dm = z^-m dx dy dz. volume: uniform over V; screen: uniform over screen and depth; log_depth: over screen and log
+# depth; ground: the density of a level ground plane. axis: x = y = 0, dz.
+DENSITY_EXPONENT = {"volume": 0.0, "screen": 2.0, "log_depth": 3.0, "ground": 4.0}
+
+_ORDERS = {"inf": math.inf, "l1": 1.0, "l2": 2.0}
+
+
+@dataclasses.dataclass(frozen=True)
+class Metric:
+    """E_p^alpha E_q^beta, an aggregate of the aliasing errors of AT09 (13), (14).
+
+    Args:
+        alpha: exponent of E_p, the error along the screen's p (vertical) axis, >= 0.
+        beta: exponent of E_q, the horizontal one, >= 0; not both zero.
+
+    Raises:
+        ValueError: for a negative, infinite or NaN exponent, or two zeros.
+
+    Example:
+        >>> Metric(1, 1).depth_power
+        2.0
+    """
+
+    alpha: float
+    beta: float
+
+    def __post_init__(self):
+        for name in ("alpha", "beta"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not (isinstance(value, numbers.Real) and 0 <= value < math.inf):
+                raise ValueError(f"metric: got {name} = {value!r}, expected a finite number >= 0")
+            object.__setattr__(self, name, float(value))
+        if self.alpha == self.beta == 0:
+            raise ValueError("metric: got alpha = beta = 0, expected at least one positive exponent")
+
+    @property
+    def blend_power(self) -> float:
+        """k = 2 alpha + beta, the power of A in E_p^alpha E_q^beta."""
+        return 2 * self.alpha + self.beta
+
+    @property
+    def depth_power(self) -> float:
+        """r = alpha + beta, the power of 1/z."""
+        return self.alpha + self.beta
+
+
+# Every metric that has a name: the products whose maximum it is.
+METRICS: dict[str, tuple[Metric, ...]] = {
+    "p": (Metric(1, 0),),
+    "q": (Metric(0, 1),),
+    "pxq": (Metric(1, 1),),
+    "max": (Metric(1, 0), Metric(0, 1)),
+}
+
+
+@dataclasses.dataclass(frozen=True, init=False)
+class Objective:
+    """A norm of an aliasing error; hashable, so that a compiled solver can be specialised to it.
+
+    Attributes:
+        terms: the metrics whose maximum is taken; one, but for "max".
+        order: P of the norm, inf for the maximum over the receivers.
+        measure: what an L_P norm is taken over, in words (see `Measure`). Receivers that are a set (points, pixels, a
+            histogram) have weights of their own, and take none but the default.
+
+    Example:
+        >>> objective = Objective("pxq", "l2", "ground")
+        >>> objective.name, objective.norm, objective.blend_degree
+        ('pxq', 'l2', 6.0)
+    """
+
+    terms: tuple[Metric, ...]
+    order: float
+    measure: Measure
+
+    def __init__(self, metric: str | Metric = "p", norm: str | float = "inf", measure: str = "screen"):
+        """The objective in words.
+
+        Args:
+            metric: "p", "q", "pxq", "max" (the larger of E_p and E_q, in L-inf) or `Metric(alpha, beta)`.
+            norm: "inf", "l1", "l2" or any real order >= 1.
+            measure: "volume", "screen", "log_depth", "ground" or "axis".
+
+        Raises:
+            ValueError: for an unknown word, an order below 1, or a norm whose minimum could not be certified.
+        """
+        object.__setattr__(self, "terms", _terms(metric))
+        object.__setattr__(self, "order", order_of(norm))
+        if measure not in get_args(Measure):
+            raise ValueError(f"measure: got {measure!r}, expected one of {', '.join(map(repr, get_args(Measure)))}")
+        object.__setattr__(self, "measure", measure)
+        if len(self.terms) > 1 and not self.supremum:
+            raise ValueError(f"norm: got {norm!r}, expected 'inf' with metric {metric!r}")
+        for term in self.terms:
+            if term.beta > 0 and term.blend_power * self.order < 1:
+                raise ValueError(
+                    f"norm: got order {self.order} with {term}, expected (2 alpha + beta) order >= 1: below that the "
+                    "objective may have several local minima and the optimum could not be certified"
+                )
+
+    @property
+    def name(self) -> str:
+        """The metric's name, as in files; "p^2 q^0.5" for exponents without a name."""
+        named = next((name for name, terms in METRICS.items() if terms == self.terms), None)
+        return named or " ".join(
+            f"{letter}^{power:g}"
+            for letter, power in (("p", self.metric.alpha), ("q", self.metric.beta))
+            if power
+        )  # fmt: skip
+
+    @property
+    def norm(self) -> str:
+        """The norm's name, as in files: "inf", "l1", "l2", or the order's digits."""
+        return norm_name(self.order)
+
+    @property
+    def title(self) -> str:
+        """For people: "E_pxq, norm l2"."""
+        return f"E_{self.name}, norm {self.norm}"
+
+    @property
+    def metric(self) -> Metric:
+        """The only term.
+
+        Raises:
+            ValueError: there are several.
+        """
+        if len(self.terms) > 1:
+            raise ValueError(f"metric: got {self.name!r}, expected one product of E_p and E_q")
+        return self.terms[0]
+
+    @property
+    def supremum(self) -> bool:
+        return math.isinf(self.order)
+
+    @property
+    def has_alpha(self) -> bool:
+        """Whether some term grows as eta falls, so that the optimum has no floor but the dtype's."""
+        return any(term.alpha for term in self.terms)
+
+    @property
+    def has_beta(self) -> bool:
+        """Whether the map's width matters."""
+        return any(term.beta for term in self.terms)
+
+    @property
+    def blend_degree(self) -> float:
+        """M = k P: the integrand's degree in A, hence in eta."""
+        return self.metric.blend_power * self.order
+
+    @property
+    def volume_exponent(self) -> float:
+        """q0 such that the measure's weight in (u, z) is z^-q0: the cross-section of V grows as z^2."""
+        return 0.0 if self.measure == "axis" else DENSITY_EXPONENT[self.measure] - 2
+
+    @property
+    def depth_exponent(self) -> float:
+        """Q such that the integrand is A^M z^-Q in (u, z)."""
+        return self.metric.depth_power * self.order + self.volume_exponent
+
+    @property
+    def no_bound_because(self) -> str | None:
+        """In words, why `lower_bound` knows none; None if it does: E_p in any norm, E_q in L-inf, and their maximum."""
+        for term in self.terms:
+            if term.beta and (term.alpha or not self.supremum):
+                kind = "a product of E_p and E_q" if term.alpha else f"E_q in L_{self.order:g}"
+                return f"No lower bound is known for {kind}."
+        return None
+
+    def single(self, term: Metric) -> "Objective":
+        """The same norm of one of the terms."""
+        return Objective(term, self.order, self.measure)
+
+
+def objective_or_default(objective: Objective | None) -> Objective:
+    """What every verb does with its last argument: None is E_p in L-inf.
+
+    Raises:
+        ValueError: for anything else that is no `Objective`.
+    """
+    if objective is None:
+        return Objective()
+    if not isinstance(objective, Objective):
+        raise ValueError(f"objective: got {objective!r}, expected a warpopt.Objective, such as Objective('pxq', 'l2')")
+    return objective
+
+
+def order_of(norm: str | float) -> float:
+    """The order of a norm by its name or number.
+
+    Raises:
+        ValueError: neither "inf", "l1", "l2" nor a real number >= 1, or the text of one.
+
+    Example:
+        >>> order_of("l2"), order_of(3), order_of("1.5")
+        (2.0, 3.0, 1.5)
+    """
+    order = norm
+    if isinstance(norm, str):
+        order = _ORDERS.get(norm)
+        if order is None:
+            try:
+                order = float(norm)
+            except ValueError:
+                order = math.nan
+    if isinstance(order, bool) or not (isinstance(order, numbers.Real) and order >= 1):
+        raise ValueError(f"norm: got {norm!r}, expected 'inf', 'l1', 'l2' or a real order >= 1")
+    return float(order)
+
+
+def norm_name(order: float) -> str:
+    """The name of a norm of an order, from which `order_of` makes the same order."""
+    return next((name for name, value in _ORDERS.items() if value == order), repr(float(order)))
+
+
+def _terms(metric: str | Metric) -> tuple[Metric, ...]:
+    if isinstance(metric, Metric):
+        return (metric,)
+    if not isinstance(metric, str) or metric not in METRICS:
+        names = ", ".join(map(repr, METRICS))
+        raise ValueError(f"metric: got {metric!r}, expected {names} or warpopt.Metric(alpha, beta)")
+    return METRICS[metric]

@@ -1,0 +1,69 @@
+"""Convex polytopes as half-spaces normal . c + offset >= 0: their vertices, and what thickness they need."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+
+def vertices_of(planes: Float[Array, "K 4"]) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
+    """(points, which are vertices) of a polytope: both ends of its edges, first one of each, then the other.
+
+    Every edge is a line of two planes, clipped by all others. Points within rounding of the body count as its own, so
+    that a body without thickness keeps its vertices.
+    """
+    normals, offsets = planes[:, :3], planes[:, 3]
+    eps = jnp.finfo(planes.dtype).eps
+    first, second = np.array(list(itertools.combinations(range(len(planes)), 2))).T
+    p, q = normals[first], normals[second]
+    direction = jnp.cross(p, q)
+    square = (direction * direction).sum(-1)
+    crossing = square > 1e4 * eps  # parallel planes have no edge, or one of no consequence
+    square = jnp.where(crossing, square, 1)
+    # The line's point nearest to the eye, and its unit direction.
+    h, g = -offsets[first][:, None], -offsets[second][:, None]
+    base = (h * jnp.cross(q, direction) + g * jnp.cross(direction, p)) / square[:, None]
+    direction = direction / jnp.sqrt(square)[:, None]
+    others = (np.arange(len(planes)) != first[:, None]) & (np.arange(len(planes)) != second[:, None])
+    start, end, bounded, slanted, inside = clipped(base, direction, normals, offsets, others)
+    reach = jnp.sqrt((base * base).sum(-1) + jnp.maximum(start * start, end * end))
+    tolerance = 64 * eps * reach
+    beside = (others & ~slanted & (inside < -tolerance[:, None])).any(1)
+    valid = crossing & bounded & ~beside & (start <= end + tolerance)
+    ends = base + start[:, None] * direction, base + end[:, None] * direction
+    return jnp.concatenate(ends), jnp.concatenate([valid, valid])
+
+
+def clipped(base, direction, normals, offsets, others) -> tuple[Array, Array, Array, Array, Array]:
+    """Lines base + t direction, clipped by the half-spaces that are in `others` for each.
+
+    Returns (first t, last t, whether there are both, which half-spaces cut the line, each one's value at the base);
+    the first two are 0 where the line stays unbounded.
+    """
+    towards, inside = direction @ normals.T, base @ normals.T + offsets
+    slanted = others & (jnp.abs(towards) > 64 * jnp.finfo(base.dtype).eps)
+    at = -inside / jnp.where(slanted, towards, 1)
+    start = jnp.where(slanted & (towards > 0), at, -jnp.inf).max(1)
+    end = jnp.where(slanted & (towards < 0), at, jnp.inf).min(1)
+    bounded = jnp.isfinite(start) & jnp.isfinite(end)
+    return jnp.where(bounded, start, 0), jnp.where(bounded, end, 0), bounded, slanted, inside
+
+
+def thickened(
+    planes: Float[Array, "K 4"], vertices: Float[Array, "N 3"], valid: Bool[Array, " N"]
+) -> tuple[Array, Array, Array]:
+    """(half-spaces, vertices, which are valid) of a body that is at least sqrt(eps) of its size thick.
+
+    A thinner one has no volume to speak of; to thicken it moves the optimum by no more than rounding does elsewhere.
+    """
+    eps = jnp.finfo(planes.dtype).eps
+    present = valid[:, None]
+    extent = (jnp.where(present, vertices, -jnp.inf).max(0) - jnp.where(present, vertices, jnp.inf).min(0)).max()
+    size = jnp.maximum(extent, eps**0.5 * jnp.abs(jnp.where(present, vertices, 0)).max())
+    size = jax.lax.stop_gradient(jnp.where(jnp.isfinite(size) & (size > 0), size, 1))
+    thickness = jnp.where(present, vertices @ planes[:, :3].T + planes[:, 3], -jnp.inf).max(0)
+    short = jax.lax.stop_gradient(eps**0.5 * size - thickness)
+    thick = planes.at[:, 3].add(jnp.where(valid.any() & (short > 0), short, 0))
+    return thick, *vertices_of(thick)

@@ -1,0 +1,203 @@
+"""The exact minimiser of the L-inf norm over the view frustum.
+
+The maximum over the receivers is attained at one of two: the nearest (z = n) or the farthest (z = f) of the extreme
+edge. E_p^alpha E_q^beta there is A^k z^-r / (eta^alpha L^beta) with A linear in eta and L = 1/xhat of two linear
+pieces, so that eta's range has at most three segments with a quadratic each, and the optimum is a root, the tie of the
+two receivers, or the kink of L.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from .._numerics import larger, power, smaller
+from ..objective import Objective
+from ..receivers.frustum_moments import extreme_height
+from ..theory.aliasing import inverse_width
+from ..theory.light_space import LightDepth, LightSpace
+from .outcome import Outcome
+from .sign_change import has_root, log_ratio, on_lanes, positive_root
+
+
+class Optimum(NamedTuple):
+    """eta, 1 - eta, the `Outcome`, and the residual of the equation that fixed eta (see `Solution.residual`)."""
+
+    eta: Float[Array, "..."]
+    one_minus_eta: Float[Array, "..."]
+    outcome: Int[Array, "..."]
+    residual: Float[Array, "..."]
+
+
+class Extremes(NamedTuple):
+    """What of V decides in L-inf, at z = n and z = f each.
+
+    Attributes:
+        near, far: of the receivers, those of which one attains the maximum error, for every warp: the error grows with
+            delta at equal z and is quasi-convex in space, so over V it is a lower corner's; on the axis an end's.
+        widest: of the upper far corner, which spans the map's width above the `kink`.
+    """
+
+    near: LightDepth
+    far: LightDepth
+    widest: LightDepth
+
+    @classmethod
+    def of(cls, space: LightSpace, objective: Objective) -> "Extremes":
+        return cls(*space.edge(extreme_height(objective)), space.edge(0.0)[1])
+
+
+def supremum_norm(space: LightSpace, eta: Float[Array, "..."], objective: Objective) -> Float[Array, "..."]:
+    """max of E_p^alpha E_q^beta over the receivers, for any eta in (0, 1]."""
+    metric = objective.metric
+
+    def attained(depth: LightDepth) -> Array:
+        blend = depth.blend(eta)
+        return power(blend * (blend / eta), metric.alpha) * power(blend, metric.beta)
+
+    ends = Extremes.of(space, objective)
+    errors = larger(attained(ends.near), attained(ends.far) / power(1 + space.depth_range, metric.depth_power))
+    return in_units_of_error(space, eta, errors, objective)
+
+
+def in_units_of_error(space: LightSpace, eta: Array, mean: Array, objective: Objective) -> Array:
+    """E_p^alpha E_q^beta from its (A^2/eta)^alpha A^beta (n/z)^r, the part without light and width.
+
+    Factor after factor on the small number, so that no product of the large ones overflows before it.
+    """
+    metric = objective.metric
+    error = mean * power(space.mu_over_near / space.tan_phi, metric.alpha)
+    if metric.beta:
+        error = error * power(2 * (1 + space.depth_range) / inverse_width(space, eta), metric.beta)
+    return error
+
+
+def kink(space: LightSpace) -> Float[Array, "..."]:
+    """The eta (lambda = n a, the apex at the eye) below which the near corners span the map, above it the far ones.
+
+    0 where the far corners always do (theta <= phi).
+    """
+    return space.a_plus / ((1 + space.depth_range) * space.b)
+
+
+def _tie(space: LightSpace, objective: Objective, near: LightDepth) -> tuple[Array, Array]:
+    """(eta, 1 - eta) at which the two receivers' errors are equal; eta = 0 where the nearest always has the larger.
+
+    eta = (d_f - d_n - e d_n) / (d_f - d_n + e (1 - d_n)), e = (f/n)^q - 1 and q = r/k, with the common terms taken
+    out of the numerator: for E_q it is x a, lambda = n a, where the naive difference loses every digit as a goes to 0.
+    """
+    x, T, L = space.depth_range, space.slope, space.log_ratio
+    q = objective.metric.depth_power / objective.metric.blend_power
+    u = extreme_height(objective)
+    growth = jnp.expm1(q * L)
+    top = x * space.a_plus + (1 + growth) * (2 * T * u * jnp.expm1((1 - q) * L) - x * space.a_minus)
+    span = x * (space.sin_theta if u == 0.5 else space.b)  # a + 2 T u
+    bottom = span + growth * near.one_minus_delta * space.mu_over_near
+    return larger(top, 0) / bottom, jnp.where(top > 0, growth * space.mu_over_near / bottom, 1)
+
+
+def closed_form(space: LightSpace, objective: Objective) -> Optimum:
+    """The global minimiser of `supremum_norm` over V, the largest where minima are flat. Derived for this project.
+
+    In Y = z_w at the lower near corner over mu: lambda = Y - g. Below the kink the optimum never lies, and the far
+    corner never is stationary, so it is the larger of the tie and the near corner's root.
+    """
+    # notation: g, h, m over mu; k, r, c0, c1, c2 of the quadratic in Y
+    metric = objective.metric
+    alpha, beta, k, r = metric.alpha, metric.beta, metric.blend_power, metric.depth_power
+    x, s, T, mu = space.depth_range, space.sin_theta, space.slope, space.mu_over_near
+    ends = Extremes.of(space, objective)
+    (g, h), widest = ends.near, ends.widest.delta
+    m = widest - g
+    # h - g with the common terms taken out: x s + (x - 2) T, or 2 (x s - T) below theta = phi.
+    excess = jnp.where(space.a_plus > 0, x * s + (x - 2) * T, 2 * (x * s - T)) / mu
+    c2 = alpha * excess + beta * m
+    helps = c2 > 0
+    tie, one_minus_tie = _tie(space, objective, ends.near)
+    root = one_minus_root = jnp.zeros_like(tie)
+    if alpha:
+        c2 = jnp.where(helps, c2, 1)
+        c1 = r * m * excess - 2 * alpha * g * h
+        c0 = -k * g * h * m
+        squares = m**2 * (r**2 * excess**2 + 4 * k * beta * g * h)
+        squares = squares + 4 * alpha**2 * g * h * (widest * excess + g**2)
+        spread = jnp.sqrt(jnp.where(helps, squares, 1))
+        falling = c1 <= 0
+        Y = jnp.where(falling, (spread - c1) / (2 * c2), -2 * c0 / jnp.where(falling | ~helps, 1, c1 + spread))
+        root, one_minus_root = (Y - g) / (Y + h), 1 / (Y + h)
+    stationary = root > tie
+    eta = jnp.where(helps, jnp.where(stationary, root, tie), 1)
+    one_minus_eta = jnp.where(helps, jnp.where(stationary, one_minus_root, one_minus_tie), 0)
+    outcome = jnp.where(helps, jnp.where(stationary, Outcome.stationary, Outcome.tie), Outcome.no_warp)
+    return _with_residual(space, objective, ends, Optimum(eta, one_minus_eta, outcome, residual=eta))
+
+
+def by_segments(space: LightSpace, objective: Objective, iterative: bool) -> Optimum:
+    """The same for any two receivers (the axis), segment by segment from eta = 1 down.
+
+    Each segment's quadratic is solved by formula, or by iteration.
+    """
+    ends = Extremes.of(space, objective)
+    tie, one_minus_tie = _tie(space, objective, ends.near)
+    bend = kink(space) if objective.metric.beta else jnp.zeros_like(tie)
+    top, low = _width_lines(ends.widest, objective)
+    upper, lower = larger(tie, bend), smaller(tie, bend)
+    tie_first = tie >= bend
+
+    def root(depth: LightDepth, line: LightDepth) -> tuple[Array, Array]:
+        return _segment_root(objective, depth, line, iterative)
+
+    first, ok = root(ends.near, top)
+    middle, ok_middle = root(_choose(tie_first, ends.far, ends.near), _choose(tie_first, top, low))
+    last, ok_last = root(ends.far, low)
+    bottom = smaller(last, lower)
+    eta = jnp.where(first >= upper, first, jnp.where(middle >= lower, smaller(middle, upper), bottom))
+    on_corner = (eta == upper) | (eta == lower)
+    outcome = jnp.where(on_corner, jnp.where(eta == tie, Outcome.tie, Outcome.kink), Outcome.stationary)
+    outcome = jnp.where(eta >= 1, Outcome.no_warp, outcome)
+    outcome = jnp.where(ok & ok_middle & ok_last, outcome, Outcome.not_converged)
+    eta = smaller(eta, 1)
+    one_minus_eta = jnp.where(eta == tie, one_minus_tie, 1 - eta)
+    return _with_residual(space, objective, ends, Optimum(eta, one_minus_eta, outcome, residual=eta))
+
+
+def _width_lines(widest: LightDepth, objective: Objective) -> tuple[LightDepth, LightDepth]:
+    """L = one_minus_delta eta + delta above and below the kink, each up to a factor."""
+    if not objective.metric.beta:
+        return LightDepth(1.0, 0.0), LightDepth(1.0, 0.0)
+    return widest, LightDepth(0.0, 1.0)
+
+
+def _choose(first: Array, one: LightDepth, other: LightDepth) -> LightDepth:
+    return LightDepth(*(jnp.where(first, p, q) for p, q in zip(one, other, strict=True)))
+
+
+def _quadratic(objective: Objective, depth: LightDepth, line: LightDepth):
+    """Stationarity of A^k / (eta^alpha L^beta) in eta, for one receiver and L = c eta + d."""
+    alpha, r = objective.metric.alpha, objective.metric.depth_power
+    (delta, rest), (d, c) = depth, line
+    return (2, 1, 0), tuple(jnp.broadcast_arrays(alpha * c * rest, r * (d * rest - c * delta), -alpha * d * delta))
+
+
+def _segment_root(objective: Objective, depth: LightDepth, line: LightDepth, iterative: bool) -> tuple[Array, Array]:
+    """Where the receiver's error turns from falling to rising in eta: 0 if it only rises, inf if it never does."""
+    polynomial = _quadratic(objective, depth, line)
+    root, converged = positive_root(on_lanes(True, polynomial), iterative)
+    rises = (polynomial[1][0] > 0) | (polynomial[1][1] > 0)
+    return jnp.where(has_root(polynomial), root, jnp.where(rises, 0, jnp.inf)), converged
+
+
+def _with_residual(space: LightSpace, objective: Objective, ends: Extremes, optimum: Optimum) -> Optimum:
+    eta, outcome = optimum.eta, optimum.outcome
+    ratio = objective.metric.depth_power / objective.metric.blend_power
+    gap = jnp.log(ends.far.blend(eta) / ends.near.blend(eta)) - ratio * space.log_ratio
+    line = _choose(eta > kink(space), *_width_lines(ends.widest, objective))
+    near_slope, far_slope = (
+        jnp.abs(log_ratio(jnp.log(eta), on_lanes(True, _quadratic(objective, depth, line))))
+        for depth in (ends.near, ends.far)
+    )
+    # Where the two are equal up to rounding (frusta thinner than it), either may have been the stationary one.
+    alike = jnp.abs(gap) <= 8 * jnp.finfo(gap.dtype).eps
+    slope = jnp.where(alike, smaller(near_slope, far_slope), jnp.where(gap > 0, far_slope, near_slope))
+    residual = jnp.where(outcome == Outcome.tie, jnp.abs(gap), jnp.where(outcome == Outcome.stationary, slope, 0))
+    return optimum._replace(residual=residual)

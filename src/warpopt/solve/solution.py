@@ -1,0 +1,140 @@
+"""What a solve returns."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float, Int
+
+from .._checks import checked
+from ..objective import Metric, Objective
+from ..receivers.footprint import Footprint
+from ..theory.aliasing import aggregate, errors
+from ..theory.light_frame import LightFrame
+from ..theory.light_space import LightDepth
+from ..theory.warp import Warp
+from .outcome import Outcome, failed
+
+
+class Solution(eqx.Module):
+    """An optimal warp over a view frustum, and what is known about it. Wherever a warp is taken, so is this.
+
+    Attributes:
+        warp: the optimal `Warp` (eta, lam, mu).
+        value: the minimal norm.
+        result: array of `Outcome`, the mechanism that fixed the optimum or the reason for failure.
+        residual: by how much the equation that fixed eta is violated: |log P+ - log P-| of the stationarity condition,
+            or the relative gap of the tie; 0 for a kink or no warp. Where the optimum is stationary, the condition
+            changes sign once and its slope in log(eta) is at least 1 (moments, L-inf), so that log(eta) is within the
+            residual, and the rounding of evaluating it, of the global optimum.
+
+    Example:
+        >>> import warpopt
+        >>> solution = warpopt.optimal_warp(warpopt.FrustumView(warpopt.ViewFrustum(1.0, 100.0, 0.5236), 0.0))
+        >>> warpopt.Outcome(int(solution.result)).name, float(solution.warp.eta), float(solution.residual)
+        ('no_warp', 1.0, 0.0)
+    """
+
+    warp: Warp
+    value: Float[Array, "..."]
+    result: Int[Array, "..."]
+    residual: Float[Array, "..."]
+
+
+class SceneSolution(eqx.Module):
+    """An optimal warp for a scene, and what is needed to render with it. Wherever a warp is taken, so is this.
+
+    Attributes:
+        warp: the optimal `Warp`; its lam and mu are lengths along W's axis, over the receivers.
+        value: the minimal norm, in the units of `LightFrame`'s densities; 0 for no receivers, and of E_p for receivers
+            at one depth.
+        result: an `Outcome`.
+        residual: as `Solution.residual`.
+        margin: d log(norm) / d log(eta) just below eta = 1. A warp helps iff it is positive: by how much no warp is, or
+            is not, the best. 0 where there is nothing to warp (flat, empty).
+        unwarped: the norm without a warp.
+        excess: bound on the regret of grouping many points or pixels conservatively: `value` over a lower bound of the
+            minimum that the receivers one by one would have, less 1. 0 where nothing is grouped.
+        frame: W's axes.
+        footprint: the receivers' extents.
+
+    Example:
+        >>> import warpopt
+        >>> camera = warpopt.Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=0.5236)
+        >>> solution = warpopt.optimal_warp(warpopt.SceneView(camera, warpopt.DirectionalLight((0, -1, 0))))
+        >>> near, far = camera.to_eye([(0.0, 0.0, -1.0), (0.0, 0.0, -100.0)])
+        >>> [round(float(solution.aliasing_error(point)), 2) for point in (near, far)]   # a tie: the optimum
+        [17.15, 17.15]
+    """
+
+    warp: Warp
+    value: Float[Array, ""]
+    result: Int[Array, ""]
+    residual: Float[Array, ""]
+    margin: Float[Array, ""]
+    unwarped: Float[Array, ""]
+    excess: Float[Array, ""]
+    frame: LightFrame
+    footprint: Footprint
+
+    def coordinates(
+        self, eye_points: Float[Array, "... 3"]
+    ) -> tuple[LightDepth, Float[Array, "..."], Float[Array, "..."]]:
+        """(depth as delta and 1 - delta, x from W's axis, eye depth z) of points in eye coordinates."""
+        return self.footprint.coordinates(self.frame, eye_points)
+
+    def aliasing_error(
+        self, eye_points: Float[Array, "... 3"], metric: str | Metric = "p", eta: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        """E at points in eye coordinates (`Camera.to_eye`), for the optimal warp or any other eta.
+
+        E_p = density_p mu A^2 / (z eta), E_q = density_q width A / z: AT09 (13), (14) along W's axes.
+
+        Args:
+            eye_points: (..., 3).
+            metric: "p", "q", "pxq", "max" or a `Metric`.
+            eta: in (0, 1], a number.
+
+        Raises:
+            ValueError: an unknown metric, or eta outside (0, 1].
+        """
+        if eta is None:
+            eta = self.warp.eta
+        else:
+            eta = jnp.asarray(eta, self.warp.eta.dtype)
+            eta = checked("eta", eta, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
+        depth, _, z = self.coordinates(eye_points)
+        along = self.frame.density_p * self.footprint.mu / z
+        across = self.frame.density_q * sum(self.footprint.half_widths(eta)) / z
+        return aggregate(Objective(metric).terms, *errors(depth.blend(eta), eta, along, across))
+
+
+def warp_of(warp: Warp | Solution | SceneSolution) -> Warp:
+    """The warp, or the solution's.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    if isinstance(warp, Solution | SceneSolution):
+        return warp.warp
+    if not isinstance(warp, Warp):
+        raise ValueError(f"warp: got {warp!r}, expected a warpopt.Warp or a solution")
+    return warp
+
+
+def raised(solution: Solution | SceneSolution) -> Solution | SceneSolution:
+    """The solution, if every problem was solved.
+
+    Raises:
+        RuntimeError: some failed (`equinox.EquinoxRuntimeError` when traced; use what is returned).
+    """
+    bad = failed(solution.result)
+    words = "optimal_warp failed; pass throw=False to get the solution's result, an array of warpopt.Outcome"
+    if isinstance(bad, jax.core.Tracer):
+        return eqx.error_if(solution, bad, words)
+    if bool(bad.any()):
+        first = Outcome(int(solution.result[bad].ravel()[0]))
+        raise RuntimeError(
+            f"{int(bad.sum())} of {bad.size} problems failed, the first thus: {first.sentence} ({words})"
+        )
+    return solution

@@ -1,0 +1,219 @@
+"""Tables built to a promise: few knots whose regret stays below it everywhere."""
+
+import importlib.metadata
+import math
+from collections.abc import Generator
+
+import jax
+import numpy as np
+
+from ..._checks import instance
+from ...objective import Objective, objective_or_default
+from ...theory.view_frustum import ViewFrustum
+from .greedy import Grid
+from .joint import Fit, fewest_rows
+from ..lambda_table import LambdaTable
+from .landmarks import landmarks, with_axes
+from ..lookup import Rows
+from .polyline import fewest_knots
+from .samples import Samples, evenly
+from .slope import least_of_all, least_regret
+from .tube import tube
+from .verify import Ranges, verify
+
+_DIRECTIONS = 400  # at which a knot of a single row may stand, before refinement
+_SHARE = 0.97  # of the promise that the tube keeps at the samples; the rest is for what lies between
+_ROUNDS = 12
+_ALLOWED = 1.25  # times the least regret that any function with the slope has, for a table of several rows
+_JUDGED = 9  # candidates whose least regret under a bound on the slope is found
+_TRIES = 3  # of so many numbers of knots none may find rows
+_DEEP = 0.25  # in the tube: of rows whose neighbours are to have room
+_RATIO_STEP = 0.067  # of the candidates for rows, in log(far/near)
+_FOV_STEP = math.radians(0.5)
+_MOST_KNOTS = 32
+_NO_WARP = 2.0  # height of a knot in the open, where no warp keeps the promise
+
+
+def build_table(
+    frustum: ViewFrustum,
+    objective: Objective | None = None,
+    *,
+    max_regret: float = 1e-3,
+    theta_range: tuple[float, float] = (0.0, math.pi / 2),
+    depth_ratio_range: tuple[float, float] | None = None,
+    half_fov_range: tuple[float, float] | None = None,
+    max_slope: float | None = None,
+) -> LambdaTable:
+    """A small table of eta that keeps value/minimum - 1 <= max_regret for every direction (far/near, field of view).
+
+    A tube around the optimum says how far eta may be from it. One far/near and field of view: through the tube at a
+    grid of directions goes the polyline with the fewest knots. Ranges of them: each row of the table is a polyline
+    whose knots keep to the kinks of the optimum (`landmarks`), wherever these move from row to row; rows are placed,
+    and their heights chosen by linear programs, for what lies between the rows. The result is verified on dense,
+    independent inputs and by a search around the worst of them; where it fails the tube is narrowed.
+
+    Args:
+        frustum: one frustum; only its shape (far/near, half_fov) matters, and that only for what has no range.
+        objective: of metric "p", "q" or "pxq"; E_p in L-inf if None.
+        max_regret: > 0.
+        theta_range: first and last direction, radians, within [0, pi/2].
+        depth_ratio_range: smallest and largest far/near, > 1, for a table over it.
+        half_fov_range: smallest and largest half field of view, radians, within (0, pi/2), likewise.
+        max_slope: bound on |d log(eta) / d theta|, per radian, so that a moving light does not make shadows swim. The
+            table's largest regret is then max_regret or, where that is more, within 10 % of the least that the bound
+            allows (25 % with a range); `promised` says what it keeps. With one range at most.
+
+    Raises:
+        ValueError: bad arguments.
+        RuntimeError: a promise that rounding does not allow (max_regret below about 1e-6, single precision's), or that
+            takes more than 32 knots a row or 64 rows (E_q in L-inf over far/near: its optimum jumps at a direction that
+            moves).
+
+    Example:
+        >>> import warpopt
+        >>> table = build_table(warpopt.ViewFrustum(1.0, 100.0, 0.5236), max_regret=1e-2)
+        >>> table.theta.shape[-1] <= 6 and table.achieved <= 1e-2
+        True
+    """
+    ranges = _ranges(frustum, theta_range, depth_ratio_range, half_fov_range)
+    objective = objective_or_default(objective)
+    if objective.name not in ("p", "q", "pxq"):
+        raise ValueError(f"metric: got {objective.name!r}, expected 'p', 'q' or 'pxq'")
+    if not (isinstance(max_regret, int | float) and 0 < max_regret < math.inf):
+        raise ValueError(f"max_regret: got {max_regret!r}, expected a finite number > 0")
+    if max_slope is not None and not (isinstance(max_slope, int | float) and 0 < max_slope < math.inf):
+        raise ValueError(f"max_slope: got {max_slope!r}, expected a finite number > 0, or None")
+    axes = sum(low < high for low, high in (ranges.depth_ratio, ranges.half_fov))
+    if max_slope is not None and axes == 2:
+        raise ValueError(
+            "max_slope: got one with ranges of far/near and of the field of view, expected one range at most"
+        )
+    if max_slope is not None and axes == 0:
+        attempts = _bounded(ranges, objective, max_slope, _SHARE * float(max_regret))
+    elif axes == 1:
+        attempts = _one_axis(ranges, objective, float(max_regret), math.inf if max_slope is None else float(max_slope))
+    else:
+        attempts = (_two_axes if axes else _single_row)(ranges, objective, float(max_regret))
+    rows, promise = next(attempts)
+    for _ in range(_ROUNDS):
+        # What engines keep: single precision. The promise is kept by these numbers.
+        ratios, fovs = (axis if len(axis) == 1 else _single(axis) for axis in (rows.depth_ratio, rows.half_fov))
+        rows = Rows(ratios, fovs, _single(rows.theta), _single(rows.eta))
+        worst, at, broken = verify(ranges, objective, rows, promise)
+        if worst <= promise:
+            slope = math.inf if max_slope is None else float(max_slope)
+            return LambdaTable(
+                *rows, objective,
+                max_slope=slope, promised=promise, achieved=worst, worst=at, version=importlib.metadata.version("warpopt"),
+            )  # fmt: skip
+        rows, promise = attempts.send(broken)
+    raise RuntimeError(f"build_table: got a regret of {worst:.3g} at {at} for a promise of {promise:g}")
+
+
+def _ranges(frustum: ViewFrustum, theta_range, depth_ratio_range, half_fov_range) -> Ranges:
+    instance("frustum", frustum, ViewFrustum)
+    if frustum.near.shape:
+        raise ValueError(f"frustum: got shape {frustum.near.shape}, expected one frustum")
+    first, last = theta_range
+    if not 0 <= first < last <= math.pi / 2:
+        raise ValueError(f"theta_range: got {theta_range!r}, expected 0 <= first < last <= pi/2")
+    ratio, half_fov = float(frustum.depth_ratio), float(frustum.half_fov)
+    ratios = (ratio, ratio) if depth_ratio_range is None else tuple(map(float, depth_ratio_range))
+    fovs = (half_fov, half_fov) if half_fov_range is None else tuple(map(float, half_fov_range))
+    if depth_ratio_range is not None and not 1 < ratios[0] < ratios[1] <= 1e12:
+        raise ValueError(f"depth_ratio_range: got {depth_ratio_range!r}, expected 1 < smallest < largest <= 1e12")
+    if half_fov_range is not None and not 0 < fovs[0] < fovs[1] < math.pi / 2:
+        raise ValueError(f"half_fov_range: got {half_fov_range!r}, expected 0 < smallest < largest < pi/2")
+    return Ranges((float(first), float(last)), ratios, fovs)
+
+
+# Each yields (rows, what they are to keep), and is sent the points (P, 3) at which they did not.
+_Attempts = Generator[tuple[Rows, float], np.ndarray, None]
+
+
+def _single_row(ranges: Ranges, objective: Objective, promise: float) -> _Attempts:
+    """The fewest knots through the tube at a grid of directions, which what is found broken joins."""
+    first, last = ranges.theta
+    kinks = landmarks(with_axes(ranges.frusta(), 1), objective, first, last)[0]
+    # Closer and closer to where eta bends or jumps; what stands side by side single precision must tell apart.
+    away = np.geomspace(1e-6, 0.03, 16)
+    beside = np.clip(kinks * (1 + np.concatenate([-away, [0], away])[:, None]), first, last)
+    grid = np.unique(np.concatenate([np.linspace(first, last, _DIRECTIONS), beside.ravel()]))
+    share = _SHARE
+    while True:
+        around = tube(ranges.frusta(), grid, objective, share * promise)
+        places, heights = fewest_knots(grid, around.lower, np.where(around.bounded, around.upper, _NO_WARP))
+        broken = yield ranges.rows(grid[places], heights), promise
+        grid = np.unique(np.concatenate([grid, broken[:, 0]]))
+        share *= 0.98  # more room for what single precision loses where a piece is steep
+
+
+def _one_axis(ranges: Ranges, objective: Objective, promise: float, max_slope: float) -> _Attempts:
+    """The fewest rows with few knots each, then with more, for as long as that makes the table smaller."""
+    by_ratio = ranges.depth_ratio[0] < ranges.depth_ratio[1]
+    axis, place = ("depth_ratio", _ratios(ranges)) if by_ratio else ("half_fov", _fovs(ranges))
+    frusta = ranges.frusta(**{axis: place})
+    other = (ranges.half_fov if by_ratio else ranges.depth_ratio)[0]
+    share = _SHARE
+    if max_slope < math.inf:
+        each = (jax.tree.map(lambda v, k=k: v[k], frusta) for k in evenly(len(place), _JUDGED))
+        promise = max(promise, _ALLOWED * max(least_of_all(ranges, objective, max_slope, one) for one in each))
+    while True:
+        samples = Samples(frusta, objective, ranges.theta, share * promise, max_slope)
+        smallest = None
+        for tried, knots in enumerate(samples.finer(_DEEP if max_slope == math.inf else 0.0, _MOST_KNOTS), 1):
+            dense = samples.at_knots(knots)
+            rows = fewest_rows(Fit(dense, axis, place, other), knots, _best_heights(dense, knots), smallest)
+            if rows is None and (smallest is not None or tried == _TRIES):
+                break
+            smallest = rows
+        if smallest is None:
+            raise RuntimeError(
+                "got a promise for a range that takes more than 64 rows of a table: make the range narrower"
+            )
+        yield smallest, promise
+        share *= 0.98
+
+
+def _two_axes(ranges: Ranges, objective: Objective, promise: float) -> _Attempts:
+    """Rows each as far from the last as the tube allows."""
+    ratios, fovs = _ratios(ranges), _fovs(ranges)
+    frusta = ranges.frusta(*(v.ravel() for v in np.meshgrid(ratios, fovs, indexing="ij")))
+    share = _SHARE
+    while True:
+        samples = Samples(frusta, objective, ranges.theta, share * promise)
+        knots = next(samples.finer(_DEEP, _MOST_KNOTS))
+        dense = samples.at_knots(knots)
+        grid = Grid(dense, ratios, fovs, knots, _best_heights(dense, knots))
+        yield grid.rows(*grid.chosen()), promise
+        share *= 0.97
+
+
+def _best_heights(samples: Samples, knots: np.ndarray) -> np.ndarray:
+    heights, _ = samples.heights(knots, np.arange(len(knots)))
+    return np.minimum(heights, _NO_WARP)
+
+
+def _ratios(ranges: Ranges) -> np.ndarray:
+    return np.exp(_candidates(*np.log(ranges.depth_ratio), _RATIO_STEP))
+
+
+def _fovs(ranges: Ranges) -> np.ndarray:
+    return _candidates(*ranges.half_fov, _FOV_STEP)
+
+
+def _bounded(ranges: Ranges, objective: Objective, max_slope: float, wanted: float) -> _Attempts:
+    """The row of the least regret under a bound on its slope, which is what it then keeps, up to what lies between."""
+    rows, least = least_regret(ranges, objective, max_slope, wanted)
+    slack = 1e-3
+    while True:
+        yield rows, least * (1 + slack)
+        slack *= 2
+
+
+def _single(values: np.ndarray) -> np.ndarray:
+    return values.astype(np.float32).astype(np.float64)
+
+
+def _candidates(first: float, last: float, step: float) -> np.ndarray:
+    return np.linspace(first, last, 1 + max(4, math.ceil((last - first) / step))) if last > first else np.array([first])

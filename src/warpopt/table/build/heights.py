@@ -1,0 +1,71 @@
+"""The best heights of a polyline whose knots are given: a linear program."""
+
+import numpy as np
+import scipy.optimize
+import scipy.sparse
+
+from ..lookup import on_piece
+from .tube import Tube
+
+_HIGHEST = 4.0  # of a knot above eta = 1, where a look-up ends: room enough for a piece to cross it anywhere
+
+
+def best_heights(knots: np.ndarray, theta: np.ndarray, around: Tube, max_slope: float) -> tuple[np.ndarray, float]:
+    """Heights that keep the polyline as deep inside the tube as can be: the depth (`Tube.depth`) at its shallowest.
+
+    Args:
+        knots: (N,), not decreasing.
+        theta, around: (S,), and the tube there.
+        max_slope: bound on |d log(height) / d theta| of every piece, or inf; linear, as a piece is steepest below.
+
+    Returns:
+        heights (N,) > 0, and the depth.
+    """
+    count = len(knots)
+    piece, share = on_piece(theta, knots, np)
+    entries = np.concatenate([1 - share, share])
+    where = np.tile(np.arange(len(theta)), 2), np.concatenate([piece, piece + 1])
+    polyline = scipy.sparse.csr_matrix((entries, where), (len(theta), count))
+    matrix, limit = inside(polyline, np.zeros(len(theta)), around, np.zeros(len(theta), int), 1)
+    steepness = scipy.sparse.hstack([slope_limits(knots, max_slope), scipy.sparse.csr_matrix((4 * (count - 1), 1))])
+    parts, limits = [matrix, steepness], [limit, np.zeros(4 * (count - 1))]
+    cost = np.append(np.zeros(count), -1.0)
+    bounds = [(around.lower.min() / 2, _HIGHEST)] * count + [(None, 1.0)]
+    found = scipy.optimize.linprog(
+        cost, scipy.sparse.vstack(parts), np.concatenate(limits), bounds=bounds, method="highs-ds"
+    )
+    if not found.success:
+        raise RuntimeError(f"best_heights: {found.message}")
+    return found.x[:-1], float(found.x[-1])
+
+
+def slope_limits(knots: np.ndarray, max_slope: float) -> scipy.sparse.csr_matrix:
+    """(4 (N - 1), N) A of A heights <= 0: no piece has |d log(height) / d theta| > max_slope at either of its ends."""
+    count = len(knots)
+    if not np.isfinite(max_slope):
+        return scipy.sparse.csr_matrix((4 * (count - 1), count))
+    step = max_slope * np.diff(knots)[:, None]
+    one, other = np.eye(count)[:-1], np.eye(count)[1:]
+    return scipy.sparse.csr_matrix(
+        np.concatenate([rising - step * end for rising in (other - one, one - other) for end in (one, other)])
+    )
+
+
+def inside(
+    slope: scipy.sparse.csr_matrix, value: np.ndarray, around: Tube, group: np.ndarray, groups: int
+) -> tuple[scipy.sparse.csr_matrix, np.ndarray]:
+    """(A, b) of A (change, depths) <= b: value + slope change is so deep in the tube.
+
+    Args:
+        slope: (S, N).
+        value, around: (S,), and the tube.
+        group: (S,) which of the depths each entry is to have.
+    """
+    below, above = around.room
+    bounded = around.bounded
+    below, above = 1 / below, 1 / above[bounded]  # so that a program's tolerance is one of depth
+    depth = scipy.sparse.csr_matrix((np.ones(len(value)), (np.arange(len(value)), group)), (len(value), groups))
+    lower = scipy.sparse.hstack([slope.multiply(-below[:, None]), depth])
+    upper = scipy.sparse.hstack([slope[bounded].multiply(above[:, None]), depth[bounded]])
+    limits = (value - around.lower) * below, (around.upper - value)[bounded] * above
+    return scipy.sparse.vstack([lower, upper]), np.concatenate(limits)

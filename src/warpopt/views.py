@@ -1,0 +1,170 @@
+"""What is seen, and under which light: the first argument of every verb."""
+
+import functools
+
+import equinox as eqx
+import jax
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+from ._checks import instance
+from .objective import Objective, objective_or_default
+from .receivers.footprint import Footprint
+from .receivers.receivers import Receivers
+from .receivers.reduced import Reduced
+from .receivers.whole_frustum import WholeFrustum
+from .theory.camera import Camera, DirectionalLight
+from .theory.light_frame import LightFrame, resolutions
+from .theory.light_space import LightSpace, checked_theta
+from .theory.view_frustum import ViewFrustum
+
+
+class FrustumView(eqx.Module):
+    """AT09's setting: a symmetric view frustum, all of which is seen, and a light in the YZ plane.
+
+    Args:
+        frustum: of any shape that broadcasts with theta.
+        theta: angle between light and view direction, radians in [0, pi]; mirror-symmetric about pi/2.
+
+    Raises:
+        ValueError: theta outside [0, pi] or NaN, shapes that do not broadcast, or what is no `ViewFrustum`.
+
+    Example:
+        >>> import warpopt
+        >>> view = warpopt.FrustumView(warpopt.ViewFrustum(near=1.0, far=100.0, half_fov=0.5236), theta=1.5707963)
+        >>> round(float(view.start), 3), float(view.mu)   # V begins 1 before the eye, is 99 long
+        (1.0, 99.0)
+    """
+
+    frustum: ViewFrustum
+    theta: Float[Array, "..."]
+
+    def __init__(self, frustum: ViewFrustum, theta: ArrayLike):
+        instance("frustum", frustum, ViewFrustum)
+        self.frustum = frustum
+        self.theta = checked_theta(theta, frustum)
+
+    @property
+    def start(self) -> Float[Array, "..."]:
+        """Where V begins along Z_w, from the eye."""
+        return _extent(self)[0]
+
+    @property
+    def mu(self) -> Float[Array, "..."]:
+        """How far V reaches along Z_w, VN (13)."""
+        return _extent(self)[1]
+
+
+# Compiled: step by step, a light space's many small operations take a hundred times as long.
+@jax.jit
+def _extent(view: FrustumView) -> tuple[Array, Array]:
+    space = LightSpace(view.frustum, view.theta)
+    return space.start, space.mu
+
+
+class SceneView(eqx.Module):
+    """Any camera, any light, and what is there to be seen: one of each; `jax.vmap` over more.
+
+    Args:
+        camera, light: in world space. `compare_rules` alone takes lights with a leading axis.
+        receivers: what must be resolved: one of `warpopt.receivers`, or a kind of your own; None is everything that the
+            camera could see.
+        screen: (width, height) in pixels, and
+        shadow_map: texels along (t, s), across and along the warp: errors are then pixels per texel. Without them the
+            screen has square pixels and height 2, and the map is 1 by 1, the units of AT09 (13), (14).
+
+    Raises:
+        ValueError: for what is no camera, light or receivers, and for resolutions that are not two positive numbers, or
+            only one of the two.
+
+    Example:
+        >>> import warpopt
+        >>> camera = warpopt.Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=0.5236)
+        >>> view = warpopt.SceneView(camera, warpopt.DirectionalLight((0, -1, 0)))
+        >>> round(float(warpopt.optimal_warp(view).warp.lam), 3)   # n + sqrt(f n), LiSPSM's: the light is overhead
+        11.0
+    """
+
+    camera: Camera
+    light: DirectionalLight
+    receivers: Receivers
+    screen: Float[Array, "2"] | None
+    shadow_map: Float[Array, "2"] | None
+
+    def __init__(
+        self,
+        camera: Camera,
+        light: DirectionalLight,
+        receivers: Receivers | None = None,
+        *,
+        screen: ArrayLike | None = None,
+        shadow_map: ArrayLike | None = None,
+    ):
+        instance("camera", camera, Camera)
+        instance("light", light, DirectionalLight)
+        receivers = WholeFrustum() if receivers is None else receivers
+        instance("receivers", receivers, Receivers)
+        self.camera, self.light, self.receivers = camera, light, receivers
+        self.screen, self.shadow_map = resolutions(screen, shadow_map)
+
+    def frame(self) -> LightFrame:
+        """W's axes, and the screen's units along them."""
+        return LightFrame(self.camera, self.light, self.screen, self.shadow_map)
+
+    def footprint(self, objective: Objective | None = None) -> Footprint:
+        """The receivers as far as a warp needs to know them; for L-inf if no objective is given.
+
+        Raises:
+            ValueError: an objective that the receivers do not take.
+        """
+        objective = objective_or_default(objective)
+        one_light(self).receivers.check(self.camera, self.light, objective)
+        return _footprint(self, objective)[0]
+
+    def reduced(self, objective: Objective | None = None) -> "SceneView":
+        """The same view with its receivers reduced to their footprint, so that several verbs cost one pass over them.
+
+        Example:
+            >>> import warpopt
+            >>> camera = warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=500.0, half_fov=0.4)
+            >>> view = warpopt.SceneView(camera, warpopt.DirectionalLight((0.3, -1, -0.4))).reduced()
+            >>> warpopt.shadow_matrix(view, warpopt.optimal_warp(view)).shape
+            (4, 4)
+        """
+        objective = objective_or_default(objective)
+        one_light(self).receivers.check(self.camera, self.light, objective)
+        made, extent = _footprint(self, objective)
+        receivers = Reduced(made, self.camera, self.light, objective, type(self.receivers).__name__, extent)
+        return eqx.tree_at(lambda view: view.receivers, self, receivers)
+
+
+@functools.partial(jax.jit, static_argnames=("objective",))
+def _footprint(view: SceneView, objective: Objective) -> tuple[Footprint, tuple[Array, Array] | None]:
+    footprint = view.receivers.footprint(view.camera, view.frame(), objective)
+    try:
+        extent = view.receivers.depth_extent(view.camera)
+    except ValueError:  # a kind that has none; who needs it says so
+        extent = None
+    return footprint, extent
+
+
+def one_light(view: SceneView) -> SceneView:
+    """The view.
+
+    Raises:
+        ValueError: it has several lights, or cameras.
+    """
+    for name, value in (("light", view.light.direction), ("camera", view.camera.position)):
+        if value.ndim != 1:
+            raise ValueError(f"{name}: got shape {value.shape[:-1]}, expected one; use jax.vmap over more")
+    return view
+
+
+def refuse_other(view: object) -> None:
+    """Refuse what is no view.
+
+    Raises:
+        ValueError: naming what was got.
+    """
+    if not isinstance(view, FrustumView | SceneView):
+        raise ValueError(f"view: got {type(view).__name__}, expected a warpopt.FrustumView or a warpopt.SceneView")
