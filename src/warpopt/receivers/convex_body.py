@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 from .._checks import checked, float_arrays
 from .._numerics import unit_nodes
 from ..objective import DENSITY_EXPONENT, Objective
-from ..theory.camera import Camera
+from ..theory.camera import Camera, DirectionalLight
 from ..theory.light_frame import LightFrame
 from .bins import extent_of, from_groups, singles
 from .footprint import Footprint
@@ -74,8 +74,7 @@ class ConvexBody(Receivers):
             if value.shape != (3,):
                 raise ValueError(f"{name}: got shape {value.shape}, expected (3,)")
             checked(name, value, lambda v: ~jnp.isnan(v), "numbers")
-        # Far enough for any frustum, near enough for the squares of what is clipped there.
-        reach = float(jnp.finfo(lower.dtype).max) ** 0.25
+        reach = _reach(lower.dtype)
         lower, upper = (jnp.clip(value, -reach, reach) for value in (lower, upper))
         eye = jnp.eye(3, dtype=lower.dtype)
         return cls(jnp.concatenate([jnp.c_[eye, -lower], jnp.c_[-eye, upper]]))
@@ -101,6 +100,41 @@ class ConvexBody(Receivers):
         solid = Solid.uniform(planes, DENSITY_EXPONENT[objective.measure])
         return BodyProfile([vertices[valid]], solid, camera, frame)
 
+    def check(self, camera: Camera, light: DirectionalLight, objective: Objective | None) -> None:
+        """See `Receivers`.
+
+        Raises:
+            ValueError: also for a body without end in the view of a camera without a far plane.
+        """
+        Receivers.check(self, camera, light, objective)
+        if any(isinstance(value, jax.core.Tracer) for value in (camera.far, self.planes)):
+            return
+        if jnp.isinf(camera.far).any() and self._endless(camera):
+            raise ValueError(
+                "receivers: got a body that goes on for ever in the view of a camera with far = inf, expected one that "
+                "ends, or a finite far"
+            )
+
+    def _endless(self, camera: Camera) -> bool:
+        """Whether B holds a ray from the eye to infinity, apart from where it begins."""
+        offsets = np.asarray(self.planes[:, 3])
+        real = np.abs(offsets) < 0.5 * _reach(offsets.dtype)  # the others are sides that a box does not have
+        normals = np.asarray(self.planes[:, :3])[real] @ np.asarray(camera.rotation).T
+        left, right, bottom, top = np.asarray(camera.window)
+        rays = np.array([(left, bottom, 1), (right, bottom, 1), (right, top, 1), (left, top, 1)])
+        for normal in normals:  # the window's polygon, clipped by the half-space through the eye
+            inside, following = rays @ normal, np.roll(rays, -1, 0)
+            kept = []
+            for ray, after, value, beyond in zip(rays, following, inside, np.roll(inside, -1), strict=True):
+                if value >= 0:
+                    kept.append(ray)
+                if (value < 0) != (beyond < 0):
+                    kept.append(ray + (after - ray) * (value / (value - beyond)))
+            if not kept:
+                return False
+            rays = np.array(kept)
+        return True
+
     def vertices(self, camera: Camera) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
         """(eye coordinates, which are vertices of B) of its vertices, each some times over."""
         return vertices_of(self.with_frustum(camera))
@@ -111,6 +145,11 @@ class ConvexBody(Receivers):
         normals = planes[:, :3] @ camera.rotation.T
         offsets = planes[:, 3] + planes[:, :3] @ camera.position
         return jnp.concatenate([camera.planes(), jnp.c_[normals, offsets]])
+
+
+def _reach(dtype) -> float:
+    """Where a box without a side ends: far enough for any frustum, near enough for the squares of what is clipped."""
+    return float(jnp.finfo(dtype).max) ** 0.25
 
 
 @jax.jit

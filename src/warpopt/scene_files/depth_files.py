@@ -95,34 +95,6 @@ def read_values(
     return values, np.ones(values.shape, bool)
 
 
-def read_depth(path: Path, encoding: Encoding, channel: str | None = None) -> np.ndarray:
-    """The depths of a file, (height, width), row 0 at the top, for a caller without words for background.
-
-    Args:
-        path, encoding, channel: see `read_depth_image`.
-
-    Raises:
-        ValueError: also for depths that are NaN, infinite or outside the encoding's range.
-        OSError: for a file that cannot be read.
-    """
-    values, there = read_values(path, channel=channel)
-    depth = np.where(there, values, 1.0 if encoding == "standard" else 0.0).astype(float)
-    high = np.inf if encoding == "linear" else 1.0
-    for bad, got, expected in (
-        (np.isnan(depth), "NaN", "finite depths"),
-        (np.isinf(depth), "infinity", "finite depths"),
-        ((depth < 0) | (depth > high), None, "eye depths >= 0" if encoding == "linear" else "numbers in [0, 1]"),
-    ):
-        if bad.any():
-            row, column = (int(i) for i in np.argwhere(bad)[0])
-            value = got or f"{depth[row, column]:g}"
-            raise ValueError(
-                f"{path}: got {value} in row {row}, column {column} ({int(bad.sum())} of {depth.size} pixels are like "
-                f"that), expected {expected} for encoding {encoding!r}"
-            )
-    return depth
-
-
 def _refuse(path: Path, given: dict[str, int | str | None], *understood: str) -> None:
     for name, value in given.items():
         if value is not None and name not in understood:

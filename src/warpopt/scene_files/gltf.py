@@ -9,15 +9,12 @@ import contextlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from .gltf_camera import GltfCamera, camera_of, light_of
 from .gltf_document import Document
 from .gltf_geometry import GltfGeometry, GltfReport, geometry_of
 from .gltf_item import GltfError
-from .scene_camera import SceneCamera
 
-__all__ = ["GltfCamera", "GltfGeometry", "GltfReport", "read_camera", "read_geometry", "read_gltf_camera", "read_light"]
+__all__ = ["GltfCamera", "GltfGeometry", "GltfReport", "read_geometry", "read_gltf_camera", "read_light"]
 
 
 def read_geometry(
@@ -68,40 +65,6 @@ def read_light(path: Path, which: int | str | None = None) -> tuple[float, float
     """
     with _told(path):
         return light_of(Document(path), which)
-
-
-def read_triangles(path: Path) -> np.ndarray:
-    """The triangles of `read_geometry` alone, (N, 3, 3)."""
-    return read_geometry(path).triangles
-
-
-def read_camera(path: Path, which: int | str, aspect: float | None, far: float | None) -> SceneCamera:
-    """A perspective camera of the file with a far plane.
-
-    Args:
-        path: a `.gltf` or `.glb` file.
-        which: see `read_gltf_camera`.
-        aspect, far: for a camera that leaves them open, as glTF allows; `far` overrides the file's.
-
-    Raises:
-        ValueError: for a file without this camera, or one that is not a complete perspective.
-        OSError: for a file that cannot be read.
-    """
-    try:
-        found = read_gltf_camera(path, which)
-    except ValueError as error:
-        if "camera(s), expected one" in str(error):
-            raise ValueError(f"{error}, or a [camera] section") from None
-        raise
-    if found.kind != "perspective":
-        raise ValueError(f"{path}: camera {found.name!r}: got type {found.kind!r}, expected 'perspective'")
-    far = far or found.far
-    if far == np.inf:
-        raise ValueError(f"{path}: camera {found.name!r}: got no zfar, expected receivers.gltf.far beside it")
-    if not found.near < far:
-        raise ValueError(f"{path}: camera {found.name!r}: got far {far:g}, expected more than znear {found.near:g}")
-    camera = found.scene_camera(aspect or 1.0)
-    return SceneCamera(camera.position, camera.rotation, camera.near, float(far), camera.window)
 
 
 @contextlib.contextmanager

@@ -11,7 +11,8 @@ from pydantic import Field
 
 from warpopt.objective import METRICS, Measure, Objective
 
-from ...scene_files.scene_camera import SceneCamera, centred_window, orientation
+from ...scene_files.depth_image import pinhole_window
+from ...scene_files.scene_camera import SceneCamera, centred_window, centred_window_across, orientation
 from ..common.settings import Distinct, HalfFovDeg, NearFar, Norm, Positive, Section, listed
 
 _RIGID = 1e-4  # entries with four digits after the point still make a matrix that is meant as a rotation
@@ -39,6 +40,17 @@ def _is_number(value: Any) -> bool:
 Triple = tuple[float, float, float]
 Vector = Annotated[Triple, pydantic.BeforeValidator(_vector)]
 Direction = Annotated[Triple, pydantic.BeforeValidator(_direction)]
+
+
+def _no_plane_for_inf(value: Any) -> Any:
+    # inf where numbers are finite: no far plane, which nothing stands for too
+    return None if value == math.inf and isinstance(value, float) else value
+
+
+FarPlane = Annotated[
+    Positive | None,
+    pydantic.BeforeValidator(_no_plane_for_inf),
+]
 Resolution = tuple[Annotated[int, Field(ge=1, le=65_536)], Annotated[int, Field(ge=1, le=65_536)]]
 
 
@@ -78,18 +90,35 @@ class CameraConfig(NearFar):
     looks_along: Literal["-z", "+z"] = "-z"
     """The eye axis of `view_matrix` that points into the scene: -z (OpenGL, Vulkan) or +z (Direct3D)."""
     near: Positive
-    far: Positive
+    far: FarPlane = None
+    """None, or inf: a projection without a far plane."""
     half_fov_deg: HalfFovDeg | None = None
     """Half the vertical field of view."""
+    half_fov_x_deg: HalfFovDeg | None = None
+    """Half the horizontal one, in its place."""
     aspect: Positive | None = None
     """Width over height; that of objective.screen, or 1, if not given."""
     window: tuple[float, float, float, float] | None = None
-    """Slopes (left, right, bottom, top) of the side planes, in the place of half_fov_deg and aspect."""
+    """Slopes (left, right, bottom, top) of the side planes, in the place of field of view and aspect."""
+    fx: Positive | None = None
+    """A pinhole camera in the place of these: focal lengths fx and fy, principal point (cx, cy) from the top left, in
+    pixels of an image of `image_size`."""
+    fy: Positive | None = None
+    cx: float | None = None
+    cy: float | None = None
+    image_size: Resolution | None = None
+    """(width, height); that of the depth file, or objective.screen, if not given."""
+    first_centre: Literal[0.5, 0] = 0.5
+    """Where in these pixels the first one's centre is: 0 as in OpenCV, 0.5 where the image's edge is at 0."""
 
     @pydantic.model_validator(mode="after")
     def _complete(self) -> "CameraConfig":
         _exactly_one(self, ("position", "view_matrix"))
-        _exactly_one(self, ("half_fov_deg", "window"))
+        _exactly_one(self, ("half_fov_deg", "half_fov_x_deg", "window", "fx"))
+        pinhole = {name: getattr(self, name) for name in ("fx", "fy", "cx", "cy")}
+        if any(v is None for v in pinhole.values()) and any(v is not None for v in pinhole.values()):
+            missing = ", ".join(name for name, value in pinhole.items() if value is None)
+            raise ValueError(f"got a pinhole camera without {missing}, expected fx, fy, cx and cy")
         if self.view_matrix is not None:
             if self.forward is not None or self.target is not None:
                 raise ValueError("got forward or target beside view_matrix, expected one or the other")
@@ -101,10 +130,11 @@ class CameraConfig(NearFar):
                 orientation(self._forward(), np.array(self.up), "right")
             except ValueError as error:
                 raise ValueError(f"up: got {self.up}, {error}") from None
+        if self.aspect is not None and (self.window is not None or self.fx is not None):
+            other = "window" if self.window is not None else "fx"
+            raise ValueError(f"got aspect beside {other}, expected one or the other")
         if self.window is not None:
             left, right, bottom, top = self.window
-            if self.aspect is not None:
-                raise ValueError("got aspect beside window, expected one or the other")
             if not (left < right and bottom < top):
                 raise ValueError(f"window: got {self.window}, expected left < right and bottom < top")
         return self
@@ -114,20 +144,41 @@ class CameraConfig(NearFar):
             return np.array(self.forward)
         return np.array(self.target) - np.array(self.position)
 
-    def scene_camera(self, handedness: str, default_aspect: float) -> SceneCamera:
-        """The camera in numbers."""
+    def _window(self, default_aspect: float, size: tuple[int, int] | None) -> tuple[float, float, float, float]:
+        if self.window is not None:
+            return self.window
+        if self.fx is not None:
+            size = self.image_size or size
+            if size is None:
+                raise ValueError("image_size: missing, expected (width, height) of the image that fx to cy are of")
+            return pinhole_window(self.fx, self.fy, self.cx, self.cy, *size, first_centre=self.first_centre)
         aspect = self.aspect or default_aspect
-        window = self.window or centred_window(math.radians(self.half_fov_deg), aspect)
+        if self.half_fov_x_deg is not None:
+            return centred_window_across(math.radians(self.half_fov_x_deg), aspect)
+        return centred_window(math.radians(self.half_fov_deg), aspect)
+
+    def scene_camera(self, handedness: str, default_aspect: float, size: tuple[int, int] | None) -> SceneCamera:
+        """The camera in numbers.
+
+        Args:
+            handedness: of the world's axes.
+            default_aspect: where none is given.
+            size: (width, height) of the image that intrinsics are of, where none is given.
+
+        Raises:
+            ValueError: intrinsics of an image of unknown size.
+        """
+        window, far = self._window(default_aspect, size), math.inf if self.far is None else self.far
         if self.view_matrix is None:
             rotation = orientation(self._forward(), np.array(self.up), handedness)
-            return SceneCamera(np.array(self.position), rotation, self.near, self.far, window)
+            return SceneCamera(np.array(self.position), rotation, self.near, far, window)
         matrix = np.array(self.view_matrix, float)
         # The nearest rotation: text has few digits, and the library asks for all.
         u, _, v = np.linalg.svd(matrix[:3, :3])
         turn = u @ v
         side = 1 if self.looks_along == "+z" else -1
         position = -turn.T @ matrix[:3, 3]
-        return SceneCamera(position, np.stack([turn[0], turn[1], side * turn[2]]), self.near, self.far, window)
+        return SceneCamera(position, np.stack([turn[0], turn[1], side * turn[2]]), self.near, far, window)
 
 
 class SunPath(Section):
@@ -171,6 +222,8 @@ class SceneLight(Section):
     """World direction in which the light travels."""
     path: SunPath | Annotated[list[Direction], Field(min_length=1)] | None = None
     """The sun over a day, or a list of directions."""
+    from_file: Literal[True] | Annotated[int, Field(ge=0)] | str | None = None
+    """A directional light of the glTF file: true for the only one, or its number or name."""
 
     @pydantic.field_validator("path", mode="wrap")
     @classmethod
@@ -184,7 +237,7 @@ class SceneLight(Section):
 
     @pydantic.model_validator(mode="after")
     def _one(self) -> "SceneLight":
-        _exactly_one(self, ("direction", "path"))
+        _exactly_one(self, ("direction", "path", "from_file"))
         return self
 
 
@@ -221,12 +274,24 @@ class PlaneReceivers(Section):
 
 
 class DepthReceivers(Section):
-    """The depth buffer of the frame: one `.npy` or OpenEXR file for each camera."""
+    """The depth buffer of the frame: one `.npy`, `.npz`, OpenEXR, PFM or 16-bit PNG file for each camera."""
 
     files: Annotated[list[Path], pydantic.BeforeValidator(listed), Field(min_length=1)]
     encoding: Literal["linear", "standard", "reversed"] = "linear"
     channel: str | None = None
-    """Of an OpenEXR file; Z by default."""
+    """Of an OpenEXR file; Z, or the only layer's, by default."""
+    part: int | str | None = None
+    """Of an OpenEXR file of several parts, by number or name."""
+    key: str | None = None
+    """Of a `.npz` with more than one array."""
+    scale: Positive | None = None
+    """What the file's values are multiplied by, 0.001 for millimetres; integers need one."""
+    background: float | None = None
+    """Values at or beyond it are background; the camera's far plane by default. inf, 0 and less always are."""
+    nan_is_background: bool = False
+    rows: Literal["top_down", "bottom_up"] = "top_down"
+    distance: Literal["planar", "ray"] = "planar"
+    """ray: along each pixel's ray, as AirSim and CARLA write it."""
     size: Resolution | None = None
     """(width, height) that the files must have. The camera's aspect is expected in any case."""
 
@@ -240,10 +305,14 @@ class GltfReceivers(_Rasterised):
     """The visible surfaces of a glTF file, and its camera if there is no [camera]."""
 
     file: Path
-    camera: Annotated[int, Field(ge=0)] = 0
-    """Which of the file's cameras."""
+    camera: Annotated[int, Field(ge=0)] | str = 0
+    """Which of the file's cameras, by number or name."""
     far: Positive | None = None
-    """Far plane of the file's camera, which may have none."""
+    """Far plane in the place of the file's camera's own, which may have none."""
+    include: Annotated[list[str], pydantic.BeforeValidator(listed)] = Field([])
+    """Patterns such as "Terrain*" of names of nodes (with all below them) and materials: only what matches counts."""
+    exclude: Annotated[list[str], pydantic.BeforeValidator(listed)] = Field([])
+    """Likewise what is left out: skies, clouds."""
 
 
 class LandscapeReceivers(_Rasterised):
@@ -335,6 +404,10 @@ class SceneSettings(Section):
             raise ValueError("camera: missing (only a glTF file may bring its own)")
         if gltf is not None and self.handedness == "left":
             raise ValueError("handedness: got 'left', expected 'right' with glTF, whose axes are right-handed")
+        if self.light.from_file is not None and gltf is None:
+            raise ValueError("light.from_file: got one without receivers.gltf, expected a glTF file to read it from")
+        if self.receivers.whole_frustum is not None and any(camera.far is None for camera in self.camera):
+            raise ValueError("camera.far: missing or inf, expected a far plane with receivers.whole_frustum")
         measure, receivers = self.objective.measure, self.receivers
         body = receivers.box is not None or receivers.planes is not None
         if receivers.whole_frustum is None and measure != "screen" and not (body and measure != "axis"):
