@@ -157,7 +157,7 @@ class CameraConfig(NearFar):
             return centred_window_across(math.radians(self.half_fov_x_deg), aspect)
         return centred_window(math.radians(self.half_fov_deg), aspect)
 
-    def scene_camera(self, handedness: str, default_aspect: float, size: tuple[int, int] | None) -> SceneCamera:
+    def scene_camera(self, handedness: str, default_aspect: float, size: tuple[int, int] | None = None) -> SceneCamera:
         """The camera in numbers.
 
         Args:
