@@ -14,12 +14,12 @@ import warpopt
 def half_way(frustum, theta):
     """Half of LiSPSM's strength: the square root of its eta, 1 for no warp."""
     lispsm = warpopt.rules.lispsm(frustum, theta)
-    return warpopt.Warp.from_eta(jnp.sqrt(lispsm.eta), lispsm.mu)
+    return warpopt.Warp.from_eta(jnp.sqrt(lispsm.eta), lispsm)
 
 
 def overhead(frustum, theta):
     """LiSPSM's overhead distance for any light but those within 10 degrees of the view: one angle at a time."""
-    mu = warpopt.LightSpace(frustum, theta).mu
+    view = warpopt.FrustumView(frustum, theta)
     if math.sin(theta) < math.sin(math.radians(10)):
-        return warpopt.Warp.from_eta(1.0, mu)
-    return warpopt.Warp.from_lam(frustum.near + math.sqrt(frustum.near * frustum.far), mu)
+        return warpopt.Warp.from_eta(1.0, view)
+    return warpopt.Warp.from_lam(frustum.near + math.sqrt(frustum.near * frustum.far), view)

@@ -6,6 +6,7 @@ reads the repository's root, so that links between pages and into the source hol
 and neither do its readers.
 """
 
+import functools
 import inspect
 import re
 from pathlib import Path
@@ -36,6 +37,7 @@ python_maximum_signature_line_length = 90
 napoleon_numpy_docstring = False
 napoleon_attr_annotations = False
 napoleon_use_ivar = True  # attributes are listed where the docstring lists them, and once
+suppress_warnings = ["ref.python"]  # of a name that several classes have, such as `start`, any will do
 
 ARRAY = "jaxlib._jax.Array"
 ARRAY_LIKE = f"~jax.{ARRAY} | ~numpy.ndarray | ~numpy.bool | ~numpy.number | bool | int | float | complex"
@@ -46,9 +48,7 @@ def directive(name: str) -> str:
     """What makes autodoc describe warpopt.<name>."""
     import warpopt
 
-    found = warpopt
-    for part in name.split("."):
-        found = getattr(found, part)
+    found = functools.reduce(getattr, name.split("."), warpopt)
     kind, options = ("class", "   :members:\n") if inspect.isclass(found) else ("function", "")
     return f"```{{eval-rst}}\n.. auto{kind}:: warpopt.{name}\n{options}```\n\n"
 

@@ -1,25 +1,27 @@
-"""The second column of reference.md: the first line of each name's docstring.
+"""The rows of reference.md: where each name is written, and the first line of its docstring.
 
 python docs/write_reference.py
+
+A new public name needs a row with nothing but the name, "| `theory.name` | |", in the table where it belongs.
 """
 
+import functools
 import importlib
 import inspect
 import re
 from pathlib import Path
 
 PAGE = Path(__file__).parent / "reference.md"
-ROW = re.compile(r"^(\| \[`([\w.]+)`\]\(\.\./src/(warpopt/[\w/]+)\.py\) \| ).* \|$", re.M)
+ROW = re.compile(r"^\| \[?`([\w.]+)`(?:\]\(\S+\))? \|.*\|$", re.M)
 
 
 def described(page: str) -> str:
-    """The page with every name's description as its docstring has it."""
+    """The page with every name's place and description as the package has them."""
 
     def row(found: re.Match) -> str:
-        start, name, module = found.groups()
-        subject = getattr(importlib.import_module(module.replace("/", ".")), name.split(".")[-1])
+        subject = functools.reduce(getattr, found[1].split("."), importlib.import_module("warpopt"))
         words = inspect.getdoc(subject).splitlines()[0].removesuffix(".").replace("|", r"\|")
-        return f"{start}{words} |"
+        return f"| [`{found[1]}`](../src/{subject.__module__.replace('.', '/')}.py) | {words} |"
 
     return ROW.sub(row, page)
 

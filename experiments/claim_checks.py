@@ -94,4 +94,4 @@ def relative(got, expected) -> float:
 def optimum(metric: str, theta, norm: str = "inf") -> warpopt.Solution:
     """Of one fixed shape, so that each objective is compiled once."""
     directions = np.resize(np.asarray(theta, float), 8)
-    return warpopt.optimal_warp(PAPER, directions, metric, norm)
+    return warpopt.optimal_warp(warpopt.FrustumView(PAPER, directions), warpopt.Objective(metric, norm))

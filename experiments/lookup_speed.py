@@ -8,21 +8,16 @@ tests. Writes `speed.json`, and the table into a page.
 
 import argparse
 import json
-import os
 import shutil
 import statistics
 import subprocess
 from pathlib import Path
 
-os.environ.setdefault("JAX_ENABLE_X64", "1")
-
 import numpy as np
+from claim_checks import PAPER, PHI
 from provenance import markdown_table, provenance, sentence, write_section
 
 import warpopt
-from warpopt.export.closed_form import closed_form_source
-from warpopt.export.languages import C
-from warpopt.export.lookup import source
 
 TARGET = 4.0  # times LiSPSM's formula, for eta of a table
 _BASE = "LiSPSM's formula"
@@ -80,9 +75,9 @@ static double run%(k)d(const float *in, float *out, long count, float n, float f
 def build(compiler: str, folder: Path, tables: dict[str, warpopt.LambdaTable]) -> Path:
     """The program, from the headers that `warpopt export` writes."""
     for name, one in tables.items():
-        (folder / f"{name}.h").write_text(source(one, C, name))
+        (folder / f"{name}.h").write_text(warpopt.export_source(one, "c", name))
     for metric in ("p", "pxq"):
-        (folder / f"closed_{metric}.h").write_text(closed_form_source(metric, C, f"closed_{metric}"))
+        (folder / f"closed_{metric}.h").write_text(warpopt.export_closed_form(metric, "c", f"closed_{metric}"))
     loops = "".join(_LOOP % {"k": k, "expression": e} for k, e in enumerate(_METHODS.values()))
     calls = "\n".join(f"        run{k}(in, out, count, n, f, phi);" for k in range(len(_METHODS)))
     (folder / "speed.c").write_text(_PROGRAM % {"loops": loops, "calls": calls})
@@ -95,7 +90,7 @@ def build(compiler: str, folder: Path, tables: dict[str, warpopt.LambdaTable]) -
 def measure(program: Path, count: int, repeats: int) -> dict[str, float]:
     """Median ns a call of each method."""
     theta = np.random.default_rng(0).uniform(0.02, np.pi / 2, count).astype(np.float32)
-    words = [str(program), str(count), str(repeats), "1", "100", repr(float(np.pi / 6))]
+    words = [str(program), str(count), str(repeats), "1", "100", repr(PHI)]
     out = subprocess.run(words, input=theta.tobytes(), capture_output=True, check=True).stdout.decode()
     times = np.array([[float(v) for v in line.split()] for line in out.splitlines()])[:, ::2]
     return {name: statistics.median(column) for name, column in zip(_METHODS, times.T, strict=True)}
@@ -122,11 +117,10 @@ def main() -> None:
         raise SystemExit("lookup_speed: got neither gcc nor clang on the path, expected a C compiler")
     arguments.directory.mkdir(parents=True, exist_ok=True)
     count, repeats = (10_000, 3) if arguments.short else (arguments.count, arguments.repeats)
-    frustum = warpopt.ViewFrustum(1.0, 100.0, np.pi / 6)
     tables = {
-        "table": warpopt.build_table(frustum),
+        "table": warpopt.build_table(PAPER),
         "wide": warpopt.build_table(
-            frustum,
+            PAPER,
             max_regret=0.05 if arguments.short else 1e-3,
             depth_ratio_range=(50.0, 200.0) if arguments.short else (2.0, 1e5),
         ),

@@ -55,13 +55,14 @@ class View:
         self.camera = camera_of(scene.cameras[0])
         self.light = warpopt.DirectionalLight(scene.lights[step.light])
         self.resolutions = {"screen": config.objective.screen, "shadow_map": config.objective.shadow_map}
-        self.receivers = warpopt.DepthBuffer(depth, scene.encoding)
+        self.receivers = warpopt.receivers.DepthBuffer(depth, scene.encoding)
         eye_depth = np.asarray(self.receivers.eye_depth(self.camera))
         self.seen: Seen = image_of(scene.cameras[0], eye_depth)
 
-    def choice(self, title: str, metric="p", norm="inf", receivers=None, warped: bool = True) -> Choice:
+    def choice(self, title: str, *objective, receivers=None, warped: bool = True) -> Choice:
         receivers = self.receivers if receivers is None else receivers
-        found = warpopt.scene_warp(self.camera, self.light, receivers, metric, norm, **self.resolutions)
+        view = warpopt.SceneView(self.camera, self.light, receivers, **self.resolutions)
+        found = warpopt.optimal_warp(view, warpopt.Objective(*objective))
         mapping = Mapping.of(found, *(sum(found.footprint.half_widths(eta)) for eta in (found.warp.eta, 1.0)))
         maps = {one: errors(mapping, self.seen, one, warped) for one in ("p", "q")}
         return Choice(title, float(found.warp.eta) if warped else 1.0, maps)
@@ -84,7 +85,8 @@ def norm_choices(view: View) -> list[Choice]:
 
 def measure_choices(view: View) -> list[Choice]:
     measures = ("volume", "screen", "log_depth", "ground")
-    columns = [view.choice(name.replace("_", " "), "p", "l2", warpopt.WholeFrustum(name)) for name in measures]
+    everything = warpopt.receivers.WholeFrustum()
+    columns = [view.choice(name.replace("_", " "), "p", "l2", name, receivers=everything) for name in measures]
     return [*columns, view.choice("what is seen", "p", "l2")]
 
 

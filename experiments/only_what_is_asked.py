@@ -20,7 +20,7 @@ import jax
 import jax.monitoring
 import numpy as np
 from provenance import markdown_table, provenance, sentence, write_section
-from runtime_vs_error import frustum_of, problems, seconds
+from runtime_vs_error import problems, seconds, view_of
 from scene_receivers import landscape
 
 import warpopt
@@ -36,28 +36,30 @@ def saving(name: str, without: float, with_it: float, unit: str, how: str) -> di
 def solves(count: int) -> list[dict]:
     """Inside the solver: no-warp cases, closed forms, a sweep's shared integrals."""
     found = []
-    near, far, phi, _ = problems(count, 0)
-    frustum, theta = frustum_of((near, far, phi, np.full(count, 1.2)))
+    *frusta, _ = problems(count, 0)
+    across = view_of((*frusta, np.full(count, 1.2)))
+    along = view_of((*frusta, np.zeros(count)))  # the light along the view: no warp is best in every frustum
 
-    def ns(theta=theta, frustum=frustum, **options) -> float:
-        return seconds(lambda: warpopt.optimal_warp(frustum, theta, throw=False, **options)) / count * 1e9
+    def ns(view: warpopt.FrustumView, *objective: str, **options) -> float:
+        what = warpopt.Objective(*objective)
+        return seconds(lambda: warpopt.optimal_warp(view, what, throw=False, **options)) / count * 1e9
 
-    along = np.zeros(count)  # the light along the view: no warp is best in every frustum
-    outcomes = np.asarray(warpopt.optimal_warp(frustum, along, "p", "l2", throw=False).result)
+    outcomes = np.asarray(warpopt.optimal_warp(along, warpopt.Objective("p", "l2"), throw=False).result)
     if not (outcomes == warpopt.Outcome.no_warp).all():
         raise RuntimeError("expected no warp everywhere")
-    decided, solved = (ns(theta=t, metric="pxq", norm="l2") for t in (along, theta))
+    decided, solved = (ns(view, "pxq", "l2") for view in (along, across))
     found.append(saving("no warp is best: no iteration", decided, solved, "ns a solve", "E_pxq L2, theta 0 and 1.2"))
     closed_forms = (("p", "l1"), ("q", "l2"), ("p", "inf"), ("q", "inf"), ("pxq", "inf"))
     for metric, norm in closed_forms if count > 10_000 else closed_forms[:1]:
-        closed, iterated = (ns(metric=metric, norm=norm, method=m) for m in ("auto", "iterative"))
+        closed, iterated = (ns(across, metric, norm, method=m) for m in ("auto", "iterative"))
         found.append(
             saving(f"closed form, E_{metric} {norm}", closed, iterated, "ns a solve", "method= auto, iterative")
         )
-    one = warpopt.ViewFrustum(1.0, 100.0, 0.5)
-    many = warpopt.ViewFrustum(np.full(count, 1.0), 100.0, 0.5)
+    one, many = (
+        warpopt.FrustumView(warpopt.ViewFrustum(near, 100.0, 0.5), across.theta) for near in (1.0, np.ones(count))
+    )
     for metric in ("p", "pxq") if count > 10_000 else ("p",):
-        shared, apart = (ns(frustum=f, metric=metric, norm="l2") for f in (one, many))
+        shared, apart = (ns(view, metric, "l2") for view in (one, many))
         found.append(
             saving(
                 f"a sweep's shared integrals, E_{metric} L2", shared, apart, "ns a solve", "one frustum, a copy each"
@@ -74,7 +76,8 @@ def scenes(count: int, height: int) -> list[dict]:
     @jax.jit
     def solve(directions):
         def one(direction):
-            return warpopt.scene_warp(camera, warpopt.DirectionalLight(direction), metric="pxq", norm="l2", throw=False)
+            view = warpopt.SceneView(camera, warpopt.DirectionalLight(direction))
+            return warpopt.optimal_warp(view, warpopt.Objective("pxq", "l2"), throw=False)
 
         return jax.vmap(one)(directions)
 
@@ -88,9 +91,11 @@ def scenes(count: int, height: int) -> list[dict]:
     how = "E_pxq L2 over a frustum, light along the view and across, one vmap"
     found.append(saving("scene, no warp is best", decided, solved, "ns a solve", how))
     z = landscape(camera, height, height * 16 // 9, 0.1)
-    light, buffer = warpopt.DirectionalLight((0.3, -1, -0.4)), warpopt.DepthBuffer(z)
+    light = warpopt.DirectionalLight((0.3, -1, -0.4))
+    view = warpopt.SceneView(camera, light, warpopt.receivers.DepthBuffer(z))
     extents, both = (
-        seconds(lambda n=n: warpopt.scene_warp(camera, light, buffer, "p", n, throw=False)) * 1e3 for n in ("inf", "l2")
+        seconds(lambda o=objective: warpopt.optimal_warp(view, o, throw=False)) * 1e3
+        for objective in (warpopt.Objective("p", "inf"), warpopt.Objective("p", "l2"))
     )
     how = f"E_p L-inf and L2 over {z.shape[1]} by {z.shape[0]} pixels"
     found.append(saving("scene, the pass for moments", extents, both, "ms a solve", how))

@@ -49,11 +49,11 @@ def nodes(order: int) -> tuple[np.ndarray, np.ndarray]:
     return (1 + x) / 2, w / 2
 
 
-def norm_as_printed(eta, problem, metric, norm, measure, order, xp, with_slope=False):
+def norm_as_printed(eta, problem, objective, order, xp, with_slope=False):
     """(norm, a multiple > 0 of its derivative in eta if asked for): `order` nodes in log depth, exact in height."""
     n, f, phi, theta = (xp.asarray(v)[..., None, None] for v in problem)
-    eta = xp.asarray(eta)[..., None, None]
-    if norm == "inf":
+    metric, eta = objective.name, xp.asarray(eta)[..., None, None]
+    if objective.supremum:
         z = xp.stack([n, f], -1)[..., 0, :]
         error, slope = errors_as_printed(eta, z, 1.0, n, f, phi, theta, metric, xp, with_slope)
         near_rules = error[..., 0, 0] > error[..., 0, 1]
@@ -61,7 +61,7 @@ def norm_as_printed(eta, problem, metric, norm, measure, order, xp, with_slope=F
         return tuple(xp.where(near_rules, v[..., 0, 0], v[..., 0, 1]) for v in asked)
     (t, w), (u, v) = nodes(order), nodes(sum(_POWERS[metric]) + _POWERS[metric][0] + 1)
     z = n * (f / n) ** t
-    density = w * v[:, None] * z ** (1.0 if measure == "screen" else 3.0)
+    density = w * v[:, None] * z ** (1.0 if objective.measure == "screen" else 3.0)
     error, slope = errors_as_printed(eta, z, u[:, None], n, f, phi, theta, metric, xp, with_slope)
     weighted = density * error**2
     value = xp.sqrt(weighted.sum((-1, -2)) / density.sum((-1, -2)))
@@ -70,13 +70,12 @@ def norm_as_printed(eta, problem, metric, norm, measure, order, xp, with_slope=F
 
 def least_order(sample, tolerance: float) -> int:
     """The smallest quadrature order whose norm is within tolerance of the reference, for the worst of the sample."""
-    metric, norm, measure = sample.key
-    if norm == "inf":
+    if sample.objective.supremum:
         return 1
     eta = np.array([float(min(b.eta, 1 - 1e-9)) for b in sample.best])
     exact = np.array([float(p.norm(e)) for p, e in zip(sample.exact, eta, strict=True)])
     for order in (4, 6, 8, 10, 12, 14, 16, 20, 24, 32):
-        (value,) = norm_as_printed(eta, sample.problem, metric, norm, measure, order, np)
+        (value,) = norm_as_printed(eta, sample.problem, sample.objective, order, np)
         if np.abs(value / exact - 1).max() < tolerance:
             return order
     return 48
@@ -84,12 +83,11 @@ def least_order(sample, tolerance: float) -> int:
 
 def scipy_one_at_a_time(sample, effort: float, count: int) -> dict:
     """`minimize_scalar(bounded)` over log eta; values alone reach sqrt(eps) at best, so the order is for 1e-12."""
-    metric, norm, measure = sample.key
     order = least_order(sample, max(effort**2, 1e-12))
 
     def solve(problem) -> float:
         def objective(log_eta: float) -> float:
-            return float(norm_as_printed(np.exp(log_eta), problem, metric, norm, measure, order, np)[0])
+            return float(norm_as_printed(np.exp(log_eta), problem, sample.objective, order, np)[0])
 
         options = {"bounds": (_SMALLEST, -1e-12), "method": "bounded", "options": {"xatol": effort}}
         return float(np.exp(scipy.optimize.minimize_scalar(objective, **options).x))
@@ -106,14 +104,13 @@ def scipy_one_at_a_time(sample, effort: float, count: int) -> dict:
 
 def scipy_vectorised(sample, problems, seconds) -> list[dict]:
     """`elementwise.find_minimum` on the norm and `elementwise.find_root` on its slope, by NumPy arrays."""
-    metric, norm, measure = sample.key
     order = least_order(sample, 1e-12)
 
     def value(log_eta, *problem):
-        return norm_as_printed(np.exp(log_eta), problem, metric, norm, measure, order, np)[0]
+        return norm_as_printed(np.exp(log_eta), problem, sample.objective, order, np)[0]
 
     def slope(log_eta, *problem):
-        return norm_as_printed(np.exp(log_eta), problem, metric, norm, measure, order, np, True)[1]
+        return norm_as_printed(np.exp(log_eta), problem, sample.objective, order, np, True)[1]
 
     def minimum(problem):
         start, ends = np.full(len(problem[0]), -1.0), {"xmin": _SMALLEST, "xmax": -1e-9}
@@ -137,28 +134,25 @@ def scipy_vectorised(sample, problems, seconds) -> list[dict]:
 
 def dense_grid(sample, points: int, many, few, seconds) -> dict:
     """The best of evenly spaced log eta, in JAX."""
-    metric, norm, measure = sample.key
     eta = jnp.exp(jnp.linspace(_SMALLEST, 0.0, points))
 
     @jax.jit
-    def solve(frustum, theta):
-        warp = warpopt.Warp(eta[:, None], 1 - eta[:, None], jnp.zeros(()), jnp.ones((), bool))
-        values = warpopt.error_norm(frustum, theta, warp, metric, norm, measure)
+    def solve(view):
+        values = warpopt.error_norm(view, warpopt.Warp.from_eta(eta[:, None], view), sample.objective)
         return eta[jnp.argmin(values, axis=0)]
 
-    count = many[1].size
-    timing = seconds(lambda: solve(*many), 2)
-    return sample.row("dense grid in JAX", f"points={points}", timing / count, count, solve(*few))
+    count = many.theta.size
+    timing = seconds(lambda: solve(many), 2)
+    return sample.row("dense grid in JAX", f"points={points}", timing / count, count, solve(few))
 
 
 def general_minimiser(sample, name: str, solver: optx.AbstractMinimiser, problems, seconds) -> dict:
     """An optimistix minimiser on log of the raw norm, in x = logit(eta)."""
-    metric, norm, measure = sample.key
     order = least_order(sample, 1e-12)
 
     def solve_one(problem):
         def objective(x, _):
-            return jnp.log(norm_as_printed(jax.nn.sigmoid(x), problem, metric, norm, measure, order, jnp)[0])
+            return jnp.log(norm_as_printed(jax.nn.sigmoid(x), problem, sample.objective, order, jnp)[0])
 
         return jax.nn.sigmoid(optx.minimise(objective, solver, jnp.asarray(-2.0), max_steps=300, throw=False).value)
 

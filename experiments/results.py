@@ -4,31 +4,27 @@ python experiments/results.py [--readme README.md]
 """
 
 import argparse
-import math
-import os
 from pathlib import Path
 
-os.environ.setdefault("JAX_ENABLE_X64", "1")
-
 import numpy as np
+from claim_checks import PAPER
 from provenance import markdown_table, write_section
 
 import warpopt
 
-FRUSTUM = warpopt.ViewFrustum(1.0, 100.0, math.pi / 6)
 DEGREES = {"p": (90, 60, 30, 10), "pxq": (90, 45, 10)}
 RULES = {"no warp": warpopt.rules.ssm, "LiSPSM": warpopt.rules.lispsm, "TSM (0.5, 0.8)": warpopt.rules.tsm}
 
 
 def losses(metric: str) -> np.ndarray:
     """A row for each direction: the optimal lambda/mu, each rule's largest error over the optimum's, and the optimum's
-    over the limit; NaN where none is known.
+    over the lower bound; NaN where none is known.
     """
-    theta = np.deg2rad(DEGREES[metric])
-    best = warpopt.optimal_warp(FRUSTUM, theta, metric)
-    limit = warpopt.limit(FRUSTUM, theta, metric) if metric in ("p", "q") else np.nan
-    errors = [warpopt.error_norm(FRUSTUM, theta, rule(FRUSTUM, theta), metric) for rule in RULES.values()]
-    return np.stack([best.warp.lam_over_mu, *(error / best.value for error in errors), best.value / limit], 1)
+    view, objective = warpopt.FrustumView(PAPER, np.deg2rad(DEGREES[metric])), warpopt.Objective(metric)
+    best = warpopt.optimal_warp(view, objective)
+    bound = np.nan if objective.no_bound_because else warpopt.lower_bound(view, objective)
+    errors = [warpopt.error_norm(view, rule(PAPER, view.theta), objective) for rule in RULES.values()]
+    return np.stack([best.warp.lam_over_mu, *(error / best.value for error in errors), best.value / bound], 1)
 
 
 def table(rows: dict[str, np.ndarray]) -> str:
@@ -37,7 +33,7 @@ def table(rows: dict[str, np.ndarray]) -> str:
          *(_digits(ratio, 3) if np.isfinite(ratio) else "not known" for ratio in row[1:]))
         for metric, found in rows.items() for degrees, row in zip(DEGREES[metric], found, strict=True)
     )  # fmt: skip
-    return markdown_table(("error", "theta", "optimal lambda/mu", *RULES, "optimum / limit"), cells)
+    return markdown_table(("error", "theta", "optimal lambda/mu", *RULES, "optimum / bound"), cells)
 
 
 def _digits(value: float, count: int) -> str:

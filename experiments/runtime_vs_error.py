@@ -19,7 +19,6 @@ from pathlib import Path
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from matplotlib.figure import Figure
@@ -29,8 +28,10 @@ from reference import Problem
 
 import warpopt
 
-METRICS, NORMS, MEASURES = ("p", "q", "pxq"), ("inf", "l2"), ("screen", "volume")
-_ORDER = {"inf": np.inf, "l2": 2.0}
+OBJECTIVES = [warpopt.Objective(metric, "inf") for metric in ("p", "q", "pxq")]
+OBJECTIVES += [
+    warpopt.Objective(metric, "l2", measure) for metric in ("p", "q", "pxq") for measure in ("screen", "volume")
+]
 
 
 def problems(count: int, seed: int, largest_ratio: float = 1e4) -> tuple[np.ndarray, ...]:
@@ -55,10 +56,11 @@ def seconds(call: Callable[[], object], repeats: int = 5) -> float:
 class Sample:
     """The problems with their references, and the error measures of a method's answers on them."""
 
-    def __init__(self, count: int, metric: str, norm: str, measure: str, largest_ratio: float):
+    def __init__(self, count: int, objective: warpopt.Objective, largest_ratio: float):
         self.problem = problems(count, 1, largest_ratio)
-        self.key = (metric, norm, measure)
-        self.exact = [Problem(*p, metric, _ORDER[norm], measure) for p in zip(*self.problem, strict=True)]
+        self.objective = objective
+        what = (objective.name, objective.order, objective.measure)
+        self.exact = [Problem(*p, *what) for p in zip(*self.problem, strict=True)]
         self.best = [problem.minimise() for problem in self.exact]
         self.interior = np.array([best.outcome != "no_warp" for best in self.best])
 
@@ -78,74 +80,80 @@ class Sample:
         }
 
     def row(self, method: str, effort: str, per_solve: float, batch: int, eta) -> dict:
-        metric, norm, measure = self.key
+        of = self.objective
         return {
-            "metric": metric, "norm": norm, "measure": measure, "method": method, "effort": effort,
+            "metric": of.name, "norm": of.norm, "measure": of.measure, "method": method, "effort": effort,
             "ns_per_solve": per_solve * 1e9, "batch": batch, **self.errors(eta),
         }  # fmt: skip
 
 
-def frustum_of(problem, dtype=np.float64):
+def rows_of(rows: list[dict], objective: warpopt.Objective, method: str) -> list[dict]:
+    """Those of one method and objective."""
+    key = (objective.name, objective.norm, objective.measure, method)
+    return [r for r in rows if (r["metric"], r["norm"], r["measure"], r["method"]) == key]
+
+
+def view_of(problem, dtype=np.float64) -> warpopt.FrustumView:
     near, far, half_fov, theta = (np.asarray(v, dtype) for v in problem)
-    return warpopt.ViewFrustum(near, far, half_fov), jnp.asarray(theta)
+    return warpopt.FrustumView(warpopt.ViewFrustum(near, far, half_fov), theta)
 
 
 def ours(sample: Sample, batch: int, short: bool = False) -> list[dict]:
     rows = []
-    metric, norm, measure = sample.key
     paths = [("", {}), (", iterative", {"method": "iterative"})]
-    if norm == "l2":
+    if not sample.objective.supremum:
         paths += [(f", {k}-node quadrature", {"quadrature_nodes": k}) for k in (8, 16, 32)]
     dtypes = ("float64",) if short else ("float64", "float32")
     variants = [(f"warpopt{word}{', float32' * (d == 'float32')}", d, o) for d in dtypes for word, o in paths]
     for name, dtype, options in variants:
         size = batch if "quadrature" not in name else min(batch, max(batch // 1000, 64))
-        frustum, theta = frustum_of(problems(size, 0), dtype)
-        solve = {"throw": False, **options}
-        timing = seconds(lambda f=frustum, t=theta, o=solve: warpopt.optimal_warp(f, t, metric, norm, measure, **o))
-        few, few_theta = frustum_of(sample.problem, dtype)
-        eta = warpopt.optimal_warp(few, few_theta, metric, norm, measure, **solve).warp.eta
-        rows.append(sample.row(name, "", timing / size, size, eta))
+        many, few = view_of(problems(size, 0), dtype), view_of(sample.problem, dtype)
+
+        def solve(view, options=options):
+            return warpopt.optimal_warp(view, sample.objective, throw=False, **options)
+
+        timing = seconds(lambda solve=solve, many=many: solve(many))
+        rows.append(sample.row(name, "", timing / size, size, solve(few).warp.eta))
     return rows
 
 
 def published(sample: Sample, batch: int) -> list[dict]:
     rows = []
     for name in ("lispsm", "tsm"):
-        rule = jax.jit(getattr(warpopt.rules, name))
-        many = frustum_of(problems(batch, 0))
-        timing = seconds(lambda r=rule, m=many: r(*m))
-        rows.append(sample.row(f"rule {name}", "", timing / batch, batch, rule(*frustum_of(sample.problem)).eta))
+        rule = jax.jit(warpopt.rules.PUBLISHED[name].function)
+        many, few = view_of(problems(batch, 0)), view_of(sample.problem)
+        timing = seconds(lambda rule=rule, many=many: rule(many.frustum, many.theta))
+        rows.append(sample.row(f"rule {name}", "", timing / batch, batch, rule(few.frustum, few.theta).eta))
     return rows
 
 
-def deep(arguments, metric: str, norm: str, measure: str) -> list[dict]:
+def deep(arguments, objective: warpopt.Objective) -> list[dict]:
     """The solver alone on f/n up to 1e12: reported, not promised (eta's condition grows near the onset of no warp)."""
-    sample = Sample(max(arguments.references // 3, 6), metric, norm, measure, 1e12)
-    frustum, theta = frustum_of(problems(arguments.batch, 0, 1e12))
-    timing = seconds(lambda: warpopt.optimal_warp(frustum, theta, metric, norm, measure, throw=False))
-    eta = warpopt.optimal_warp(*frustum_of(sample.problem), metric, norm, measure, throw=False).warp.eta
+    sample = Sample(max(arguments.references // 3, 6), objective, 1e12)
+    many = view_of(problems(arguments.batch, 0, 1e12))
+    timing = seconds(lambda: warpopt.optimal_warp(many, objective, throw=False))
+    eta = warpopt.optimal_warp(view_of(sample.problem), objective, throw=False).warp.eta
     return [sample.row("warpopt, f/n to 1e12", "", timing / arguments.batch, arguments.batch, eta)]
 
 
 def measure_methods(arguments) -> list[dict]:
     rows = []
-    combinations = [(m, n, d) for m in METRICS for n in NORMS for d in MEASURES if n != "inf" or d == "screen"]
-    for metric, norm, measure in combinations if not arguments.short else [("p", "l2", "screen")]:
-        sample = Sample(arguments.references, metric, norm, measure, 1e4)
+    for objective in [warpopt.Objective("p", "l2")] if arguments.short else OBJECTIVES:
+        sample = Sample(arguments.references, objective, 1e4)
         found = ours(sample, arguments.batch, arguments.short)
         found += [scipy_one_at_a_time(sample, effort, 100) for effort in (1e-3, 1e-8)]
         fewer = problems(min(arguments.batch, max(arguments.batch // 100, 50)), 0)
-        many, few = frustum_of(fewer), frustum_of(sample.problem)
+        many, few = view_of(fewer), view_of(sample.problem)
         found += scipy_vectorised(sample, fewer, seconds)
         found += [dense_grid(sample, points, many, few, seconds) for points in (64, 1024)]
         minimisers = (("BFGS", optx.BFGS(1e-8, 1e-8)), ("Nelder-Mead", optx.NelderMead(1e-8, 1e-8)))
         found += [general_minimiser(sample, name, solver, fewer, seconds) for name, solver in minimisers]
         found += published(sample, arguments.batch)
-        found += deep(arguments, metric, norm, measure)
+        found += deep(arguments, objective)
         for r in found:
             print(
-                f"{metric:>4} {norm:>4} {measure:>7} {r['method']:<40} {r['effort']:<22} {r['ns_per_solve']:>12.1f} ns"
+                f"{r['metric']:>4} {r['norm']:>4} {r['measure']:>7} {r['method']:<40} {r['effort']:<22} "
+                f"{r['ns_per_solve']:>12.1f} ns"
                 f"  eta {r['eta_error_median']:.1e} / {r['eta_error_worst']:.1e}  regret {r['regret_worst']:.1e}",
                 flush=True,
             )
@@ -154,31 +162,29 @@ def measure_methods(arguments) -> list[dict]:
 
 
 def draw(rows: list[dict], quantity: str, label: str, path: Path) -> None:
-    combinations = list(dict.fromkeys((r["metric"], r["norm"], r["measure"]) for r in rows))
-    figure = Figure(figsize=(5.2 * min(3, len(combinations)), 3.9 * -(-len(combinations) // 3)), layout="constrained")
-    axes = figure.subplots(
-        -(-len(combinations) // 3), min(3, len(combinations)), squeeze=False, sharex=True, sharey=True
-    )
+    objectives = [o for o in OBJECTIVES if any(rows_of(rows, o, r["method"]) for r in rows)]
+    figure = Figure(figsize=(5.2 * min(3, len(objectives)), 3.9 * -(-len(objectives) // 3)), layout="constrained")
+    axes = figure.subplots(-(-len(objectives) // 3), min(3, len(objectives)), squeeze=False, sharex=True, sharey=True)
     methods = list(dict.fromkeys(r["method"] for r in rows))
     markers = "ooosssDD^^vvXXPP**"
-    for ax, key in zip(axes.flat, combinations, strict=False):
+    for ax, objective in zip(axes.flat, objectives, strict=False):
         for i, method in enumerate(methods):
-            points = [r for r in rows if r["method"] == method and (r["metric"], r["norm"], r["measure"]) == key]
+            points = rows_of(rows, objective, method)
             if points:
                 x = [r["ns_per_solve"] for r in points]
                 y = [max(r[quantity], 1e-17) for r in points]
                 ax.loglog(x, y, markers[i % len(markers)], color=f"C{i % 10}", label=method, alpha=0.85)
-        ax.set_title(f"E_{key[0]}, {key[1]}, {key[2]}", fontsize=10)
+        ax.set_title(f"{objective.title}, {objective.measure}", fontsize=10)
         ax.grid(alpha=0.25)
     for ax in axes[-1]:
         ax.set_xlabel("time per solve (ns)")
     for ax in axes[:, 0]:
         ax.set_ylabel(label)
-    for ax in axes.flat[len(combinations) :]:
+    for ax in axes.flat[len(objectives) :]:
         ax.set_visible(False)
     handles, labels = axes.flat[0].get_legend_handles_labels()
     named = dict(zip(labels, handles, strict=True))
-    for ax in axes.flat[: len(combinations)]:
+    for ax in axes.flat[: len(objectives)]:
         named |= {k: v for v, k in zip(*ax.get_legend_handles_labels(), strict=True) if k not in named}
     figure.legend(named.values(), named.keys(), loc="outside right upper", fontsize=8, frameon=False)
     figure.savefig(path, dpi=150)
@@ -189,19 +195,19 @@ def performance(rows: list[dict], summary: dict) -> str:
     shown = {"warpopt": "warpopt", "SciPy elementwise.find_root": "SciPy find_root, vectorised"}
     shown |= {"SciPy elementwise.find_minimum": "SciPy find_minimum, vectorised", "optimistix BFGS": "optimistix BFGS"}
     shown["SciPy minimize_scalar, one at a time"] = "SciPy minimize_scalar, one at a time"
-    combinations = [("p", "inf", "screen"), ("p", "l2", "screen"), ("pxq", "l2", "screen")]
+    objectives = [warpopt.Objective(*names) for names in (("p", "inf"), ("p", "l2"), ("pxq", "l2"))]
     lines, times = [], {}
     for method, name in shown.items():
         cells = [name]
-        for key in combinations:
-            found = [r for r in rows if r["method"] == method and (r["metric"], r["norm"], r["measure"]) == key]
+        for objective in objectives:
+            found = rows_of(rows, objective, method)
             if found:
                 best = min(found, key=lambda r: r["eta_error_median"])
-                unit = times.setdefault(key, best["ns_per_solve"])
+                unit = times.setdefault(objective, best["ns_per_solve"])
                 cells.append(f"{best['ns_per_solve'] / unit:,.0f}, {best['eta_error_median']:.0e}")
         lines.append(cells)
-    heads = ("method", *(f"E_{m} {n}: time, error" for m, n, _ in combinations))
-    own = ", ".join(f"{times[key]:.0f}" for key in combinations if key in times)
+    heads = ("method", *(f"E_{o.name} {o.norm}: time, error" for o in objectives))
+    own = ", ".join(f"{time:.0f}" for time in times.values())
     return markdown_table(heads, lines) + (
         f"\n\nTime per solve over warpopt's ({own} ns), and median relative error of eta, on random problems"
         f"\nwith f/n up to 1e4. {sentence(summary)}."

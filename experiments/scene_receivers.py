@@ -22,7 +22,7 @@ from provenance import markdown_table, provenance, sentence, write_section
 from runtime_vs_error import seconds
 
 import warpopt
-from warpopt.receivers.depth_buffer import eye_points
+from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, WholeFrustum
 
 
 def camera_of(dtype=np.float64) -> warpopt.Camera:
@@ -46,7 +46,7 @@ def landscape(camera: warpopt.Camera, height: int, width: int, roughness: float,
     return z
 
 
-def minimal_passes(z: jax.Array, camera: warpopt.Camera, frame: warpopt.LightFrame) -> tuple[float, float]:
+def minimal_passes(z: jax.Array, camera: warpopt.Camera, frame: warpopt.theory.LightFrame) -> tuple[float, float]:
     """Seconds of the two passes that any solution must make, written for speed alone: extents, and five moments."""
     height, width = z.shape
     across = jnp.asarray(np.linspace(-0.7, 0.7, width), z.dtype)
@@ -87,23 +87,23 @@ def buffer_times(height: int, width: int) -> list[dict]:
     for dtype in (np.float64, np.float32)[: 1 if small else 2]:
         camera = camera_of(dtype)
         light = warpopt.DirectionalLight(np.array([0.3, -1, -0.4], dtype))
-        frame = warpopt.LightFrame(camera, light)
+        frame = warpopt.theory.LightFrame(camera, light)
         total = jax.jit(jnp.sum)
-        objectives = (("p", "l2"), ("pxq", "l2"), ("p", "inf"), ("pxq", "inf"))[: 1 if small else 4]
-        for posts, (metric, norm) in itertools.product((False, True), objectives):
+        names = (("p", "l2"), ("pxq", "l2"), ("p", "inf"), ("pxq", "inf"))[: 1 if small else 4]
+        for posts, objective in itertools.product((False, True), itertools.starmap(warpopt.Objective, names)):
             z = jnp.asarray(landscape(camera_of(), height, width, 0.1, posts), dtype)
-            buffer = warpopt.DepthBuffer(z)
+            view = warpopt.SceneView(camera, light, DepthBuffer(z))
             summed = seconds(lambda v=z, f=total: f(v), 20)
             extents, moments = minimal_passes(jnp.where(z > 0, z, 1), camera, frame)
 
-            def solve(metric=metric, norm=norm, camera=camera, light=light, buffer=buffer):
-                return warpopt.scene_warp(camera, light, buffer, metric, norm, throw=False)
+            def solve(view=view, objective=objective):
+                return warpopt.optimal_warp(view, objective, throw=False)
 
             time = seconds(solve, 20)
-            least = extents + (moments if norm == "l2" else 0)
+            least = extents + (0 if objective.supremum else moments)
             rows.append(
                 {"dtype": np.dtype(dtype).name, "scene": "posts" if posts else "hills",
-                 "objective": f"E_{metric} {norm}", "ms": time * 1e3,
+                 "objective": named(objective), "ms": time * 1e3,
                  "minimal_passes": time / least, "sums": time / summed, "excess": float(solve().excess)}
             )  # fmt: skip
     return rows
@@ -118,50 +118,39 @@ def histogram_regrets(height: int, width: int) -> list[dict]:
     lights = lights[2:4] if small else lights
     for roughness in (0.0,) if small else (0.0, 0.3):
         z = landscape(camera, height, width, roughness)
-        buffer = warpopt.DepthBuffer(z)
+        buffer = DepthBuffer(z)
         edges = np.geomspace(z[z > 0].min() * (1 - 1e-12), z.max() * (1 + 1e-12), 65)
-        histogram = warpopt.DepthHistogram(edges, np.histogram(z[z > 0], edges)[0])
-        everything = warpopt.WholeFrustum("screen")
-        points, seen = eye_points(buffer, camera)
-        pixels = points[seen]
-        for metric, norm in (("p", "l2"),) if small else (("p", "l2"), ("pxq", "l2")):
-            worst = {"histogram": 0.0, "whole frustum": 0.0, "no warp": 0.0}
-            for direction in lights:
-                light = warpopt.DirectionalLight(direction)
-                own = warpopt.scene_warp(camera, light, buffer, metric, norm)
-                others = {"histogram": histogram, "whole frustum": everything}
-                for name in worst:
-                    other = None if name == "no warp" else warpopt.scene_warp(camera, light, others[name], metric, norm)
-                    value = _value_of(own, pixels, metric, other)
-                    worst[name] = max(worst[name], float(value / own.value - 1))
-            rows.append({"roughness": roughness, "objective": f"E_{metric} {norm}", **worst})
+        others = {
+            "histogram": DepthHistogram(edges, np.histogram(z[z > 0], edges)[0]),
+            "whole frustum": WholeFrustum(),
+        }
+        for objective in (warpopt.Objective(metric, "l2") for metric in (("p",) if small else ("p", "pxq"))):
+            worst = dict.fromkeys((*others, "no warp"), 0.0)
+            for light in map(warpopt.DirectionalLight, lights):
+                view = warpopt.SceneView(camera, light, buffer)
+                own = warpopt.optimal_warp(view, objective)
+                values = {"no warp": own.unwarped}
+                for name, receivers in others.items():  # the same apex, fitted to what is seen
+                    warp = warpopt.optimal_warp(warpopt.SceneView(camera, light, receivers), objective)
+                    values[name] = warpopt.error_norm(view, warp, objective)
+                worst |= {name: max(worst[name], float(value / own.value - 1)) for name, value in values.items()}
+            rows.append({"roughness": roughness, "objective": named(objective), **worst})
     return rows
-
-
-def _value_of(own, pixels, metric: str, other) -> float:
-    """The L2 norm over the pixels of another solution's warping frustum: its lambda, and where it begins."""
-    if other is None:
-        errors = own.aliasing_error(pixels, metric, 1.0)
-    else:
-        # The other's eta, carried over to the receivers' own extent: the same apex, fitted to what is seen.
-        apex = other.footprint.start - other.warp.lam
-        lam = own.footprint.start - apex
-        eta = jnp.where(jnp.isfinite(lam), jnp.clip(lam / (lam + own.footprint.mu), 1e-6, 1), 1.0)
-        errors = own.aliasing_error(pixels, metric, eta)
-    return jnp.sqrt((errors**2).mean())
 
 
 def body_times() -> list[dict]:
     camera, light = camera_of(), warpopt.DirectionalLight((0.3, -1, -0.4))
-    body = warpopt.ConvexBody.box((-50, -1, -200), (50, 12, -3))
     rows = []
-    for receivers in (warpopt.WholeFrustum(), body):
-        for metric, norm in (("p", "inf"), ("p", "l2")):
-            time = seconds(
-                lambda r=receivers, m=metric, n=norm: warpopt.scene_warp(camera, light, r, m, n, throw=False), 20
-            )
-            rows.append({"receivers": type(receivers).__name__, "objective": f"E_{metric} {norm}", "ms": time * 1e3})
+    for receivers in (WholeFrustum(), ConvexBody.box((-50, -1, -200), (50, 12, -3))):
+        view = warpopt.SceneView(camera, light, receivers)
+        for objective in (warpopt.Objective("p", "inf"), warpopt.Objective("p", "l2")):
+            time = seconds(lambda v=view, o=objective: warpopt.optimal_warp(v, o, throw=False), 20)
+            rows.append({"receivers": type(receivers).__name__, "objective": named(objective), "ms": time * 1e3})
     return rows
+
+
+def named(objective: warpopt.Objective) -> str:
+    return f"E_{objective.name} {objective.norm}"
 
 
 def table(rows: list[dict]) -> str:

@@ -36,14 +36,12 @@ from reference import Problem
 import warpopt
 
 MEASURES = ("volume", "screen", "log_depth", "ground", "axis")
-RULES = ("ssm", "psm", "lispsm", "tsm", "tsm_alternative", "minimum_norm", "scherzer")
-COMBINATIONS = [
-    (metric, order, measure)
+OBJECTIVES = [
+    warpopt.Objective(metric, order, measure)
     for metric in ("p", "q", "pxq")
     for order in (1.0, 2.0, 3.0, np.inf)
     for measure in (MEASURES if np.isfinite(order) else ("screen", "axis"))
 ]
-BLEND_POWER = {"p": 2, "q": 1, "pxq": 3}
 
 
 def draws(count: int, dtype, seed: int) -> dict[str, np.ndarray]:
@@ -70,20 +68,13 @@ def draws(count: int, dtype, seed: int) -> dict[str, np.ndarray]:
     return {"near": near, "far": far, "half_fov": half_fov, "theta": np.minimum(theta, dtype(np.pi)), "eta": eta}
 
 
-def frustum_of(d: dict[str, np.ndarray]):
-    return warpopt.ViewFrustum(d["near"], d["far"], d["half_fov"])
+def view_of(d: dict[str, np.ndarray]) -> warpopt.FrustumView:
+    return warpopt.FrustumView(warpopt.ViewFrustum(d["near"], d["far"], d["half_fov"]), d["theta"])
 
 
-def eta_and_log_value(near, far, half_fov, theta, metric, order, measure):
-    frustum = warpopt.ViewFrustum(near, far, half_fov)
-    solution = warpopt.optimal_warp(frustum, theta, metric, order, measure, throw=False)
-    return solution.warp.eta, jnp.log(solution.value)
-
-
-def norm_of(d: dict[str, np.ndarray], combination) -> np.ndarray:
-    metric, order, measure = combination
-    warp = warpopt.Warp.from_eta(d["eta"], d["near"])
-    return np.asarray(warpopt.error_norm(frustum_of(d), d["theta"], warp, metric, order, measure))
+def norm_of(d: dict[str, np.ndarray], objective: warpopt.Objective) -> np.ndarray:
+    view = view_of(d)
+    return np.asarray(warpopt.error_norm(view, warpopt.Warp.from_eta(d["eta"], view), objective))
 
 
 def strata(d: dict[str, np.ndarray], count: int) -> np.ndarray:
@@ -97,57 +88,56 @@ def strata(d: dict[str, np.ndarray], count: int) -> np.ndarray:
 
 @functools.cache
 def _compiled_rule(name: str):
-    return jax.jit(getattr(warpopt.rules, name))
+    return jax.jit(warpopt.rules.PUBLISHED[name].function)
 
 
-def check_invariants(d: dict[str, np.ndarray], combination) -> tuple[dict[str, float], np.ndarray]:
+def check_invariants(d: dict[str, np.ndarray], objective: warpopt.Objective) -> tuple[dict[str, float], np.ndarray]:
     """(counts and worst figures over all draws, an indicator of where errors may be largest)."""
-    metric, order, measure = combination
     eps = float(np.finfo(d["near"].dtype).eps)
-    frustum, theta = frustum_of(d), d["theta"]
-    solution = warpopt.optimal_warp(frustum, theta, metric, order, measure, throw=False)
+    k_eps = objective.metric.blend_power * eps
+    view = view_of(d)
+    solution = warpopt.optimal_warp(view, objective, throw=False)
     eta, value = np.asarray(solution.warp.eta), np.asarray(solution.value)
     result, residual = np.asarray(solution.result), np.asarray(solution.residual)
-    norm_at_eta = norm_of(d, combination)
+    norm_at_eta = norm_of(d, objective)
     if not np.isfinite(norm_at_eta).all():
         # Where the true norm exceeds the dtype's largest number, infinity is the right answer.
-        wide = norm_of({k: v.astype(np.float64) for k, v in d.items()}, combination)
+        wide = norm_of({k: v.astype(np.float64) for k, v in d.items()}, objective)
         norm_at_eta = np.where(wide > np.finfo(d["near"].dtype).max, 0, norm_at_eta)
     found = {
         "not_finite": int((~np.isfinite(eta) | ~np.isfinite(value) | ~np.isfinite(norm_at_eta)).sum()),
         "out_of_range": int(((eta <= 0) | (eta > 1)).sum()),
         "failed": int((result > warpopt.Outcome.no_warp).sum()),
-        "residual_over_k_eps": float(residual.max() / (BLEND_POWER[metric] * eps)),
+        "residual_over_k_eps": float(residual.max() / k_eps),
     }
     below = 0.0
-    for name in RULES:
-        warp = _compiled_rule(name)(frustum, theta)
-        rival = np.asarray(warpopt.error_norm(frustum, theta, warp, metric, order, measure), float)
+    for name in warpopt.rules.PUBLISHED:
+        warp = _compiled_rule(name)(view.frustum, view.theta)
+        rival = np.asarray(warpopt.error_norm(view, warp, objective), float)
         found["not_finite"] += int(np.isnan(rival).sum())
         below = max(below, float(np.nanmax(1 - rival / value)))
-    found["optimum_above_a_rule_over_k_eps"] = below / (BLEND_POWER[metric] * eps)
+    found["optimum_above_a_rule_over_k_eps"] = below / k_eps
     # A power of two scales exactly, so that the answer must be the same to the last bit; 3 rounds the input anew, and
     # what moves much is where errors may be large.
     scaled = {**d, "near": d["near"] * 4, "far": d["far"] * 4}
-    other = warpopt.optimal_warp(frustum_of(scaled), theta, metric, order, measure, throw=False)
+    other = warpopt.optimal_warp(view_of(scaled), objective, throw=False)
     found["not_scale_free"] = int((np.asarray(other.warp.eta) != eta).sum())
     scaled = {**d, "near": d["near"] * 3, "far": d["far"] * 3}
     scaled["far"] = np.maximum(scaled["far"], np.nextafter(scaled["near"], scaled["near"].dtype.type(np.inf)))
-    moved = warpopt.optimal_warp(frustum_of(scaled), theta, metric, order, measure, throw=False)
+    moved = warpopt.optimal_warp(view_of(scaled), objective, throw=False)
     indicator = np.abs(np.asarray(moved.value, float) / value - 1) / eps + residual / eps
 
-    def total(near, far, half_fov, theta, eta):
-        best, log_value = eta_and_log_value(near, far, half_fov, theta, metric, order, measure)
+    def total(d):
+        view = view_of(d)
+        best = warpopt.optimal_warp(view, objective, throw=False)
+        both = best.warp.eta.sum() + jnp.log(best.value).sum()
         if eps > 1e-10:  # in single precision norms at any eta may overflow, and rightly have no derivative
-            return best.sum() + log_value.sum()
-        warp = warpopt.Warp(eta, 1 - eta, jnp.ones_like(eta), jnp.ones((), bool))
-        norms = warpopt.error_norm(warpopt.ViewFrustum(near, far, half_fov), theta, warp, metric, order, measure)
-        return best.sum() + log_value.sum() + jnp.log(norms).sum()
+            return both
+        norms = warpopt.error_norm(view, warpopt.Warp.from_eta(d["eta"], view), objective)
+        return both + jnp.log(norms).sum()
 
-    gradients = jax.grad(total, argnums=(0, 1, 2, 3, 4))(
-        *(jnp.asarray(d[k]) for k in ("near", "far", "half_fov", "theta", "eta"))
-    )
-    found["gradient_not_finite"] = int(sum((~np.isfinite(np.asarray(g))).sum() for g in gradients))
+    gradients = jax.grad(total)({name: jnp.asarray(values) for name, values in d.items()})
+    found["gradient_not_finite"] = int(sum((~np.isfinite(np.asarray(g))).sum() for g in gradients.values()))
     return found, np.nan_to_num(indicator, nan=np.inf)
 
 
@@ -160,31 +150,31 @@ class Answer(NamedTuple):
     norm_at_eta: float
     largest: float
     eps: float
-    combination: tuple[str, float, str]
+    objective: warpopt.Objective
 
 
 def reference_errors(answer: Answer) -> dict[str, float]:
     """Regret of the optimum and error of a norm, for one draw, in units of eps."""
-    metric, order, measure = answer.combination
+    objective = answer.objective
     view = (answer.inputs[k] for k in ("near", "far", "half_fov", "theta"))
-    problem = Problem(*view, metric, order, measure)
+    problem = Problem(*view, objective.name, objective.order, objective.measure)
     best = problem.minimise()
     exact = problem.norm(answer.inputs["eta"])
-    eps = answer.eps
+    eps, k_eps = answer.eps, objective.metric.blend_power * answer.eps
     return {
-        "regret_over_k_eps": max(float(problem.norm(answer.eta) / best.value - 1), 0.0) / (BLEND_POWER[metric] * eps),
+        "regret_over_k_eps": max(float(problem.norm(answer.eta) / best.value - 1), 0.0) / k_eps,
         "value_ulp": abs(float(mp.mpf(answer.value) / best.value - 1)) / eps,
         "norm_ulp": 0.0 if exact > answer.largest else abs(float(mp.mpf(answer.norm_at_eta) / exact - 1)) / eps,
         "eta_relative": abs(float(mp.mpf(answer.eta) / best.eta - 1)),
     }
 
 
-def answers(d: dict[str, np.ndarray], chosen: np.ndarray, solution, at_eta: np.ndarray, combination) -> list[Answer]:
+def answers(d: dict[str, np.ndarray], chosen: np.ndarray, solution, at_eta: np.ndarray, objective) -> list[Answer]:
     info = np.finfo(d["near"].dtype)
     return [
         Answer(
             {k: float(v[i]) for k, v in d.items()}, float(solution.warp.eta[i]), float(solution.value[i]),
-            float(at_eta[i]), float(info.max), float(info.eps), combination,
+            float(at_eta[i]), float(info.max), float(info.eps), objective,
         )
         for i in chosen
     ]  # fmt: skip
@@ -201,12 +191,13 @@ def point_errors(d: dict[str, np.ndarray], count: int, seed: int) -> dict[str, f
     near, far = few["near"].astype(float), few["far"].astype(float)
     z = np.clip((near * (far / near) ** t).astype(dtype), few["near"], few["far"])
     y = (z.astype(float) * np.tan(few["half_fov"].astype(float)) * (1 - 2 * u)).astype(dtype)
-    frustum, warp = frustum_of(few), warpopt.Warp.from_eta(few["eta"], few["near"])
+    view = view_of(few)
+    warp = warpopt.Warp.from_eta(few["eta"], view)
     smallest, largest = float(np.finfo(dtype).tiny), float(np.finfo(dtype).max)
     worst = {"uz_ulp": 0.0, "yz_ulp_over_condition": 0.0, "largest_condition": 0.0}
     for metric in ("p", "q", "pxq"):
-        at_uz = np.asarray(warpopt.aliasing_error_uz(frustum, few["theta"], warp, u, z, metric))
-        at_yz = np.asarray(warpopt.aliasing_error(frustum, few["theta"], warp, y, z, metric))
+        at_uz = np.asarray(warpopt.theory.aliasing_error_uz(view.frustum, view.theta, warp, u, z, metric))
+        at_yz = np.asarray(warpopt.theory.aliasing_error(view.frustum, view.theta, warp, y, z, metric))
         for i in range(count):
             problem = Problem(*(few[k][i] for k in ("near", "far", "half_fov", "theta")), metric, np.inf, "screen")
             eta, depth = mp.mpf(float(few["eta"][i])), mp.mpf(float(z[i])) / mp.mpf(float(few["near"][i]))
@@ -229,40 +220,39 @@ def point_errors(d: dict[str, np.ndarray], count: int, seed: int) -> dict[str, f
 
 
 def run_dtype(dtype, arguments, mapped: Callable[..., list]) -> tuple[dict, list[dict], list[tuple]]:
-    """All combinations in one dtype: (figures by combination, worst cases, points of the heat map)."""
-    combinations = COMBINATIONS[:: -(-len(COMBINATIONS) // arguments.combinations)]
-    per = -(-arguments.draws // len(combinations))
-    stratified = hardest = -(-arguments.references // len(combinations))
+    """All objectives in one dtype: (figures by objective, worst cases, points of the heat map)."""
+    objectives = OBJECTIVES[:: -(-len(OBJECTIVES) // arguments.objectives)]
+    per = -(-arguments.draws // len(objectives))
+    stratified = hardest = -(-arguments.references // len(objectives))
     table, worst_rows, points = {}, [], []
-    for number, combination in enumerate(combinations):
+    for number, objective in enumerate(objectives):
         start = time.perf_counter()
         d = draws(per, dtype, 1000 + number)
-        found, indicator = check_invariants(d, combination)
-        metric, order, measure = combination
-        frustum = frustum_of(d)
+        found, indicator = check_invariants(d, objective)
+        name = f"E_{objective.name} order {objective.order:g} {objective.measure}"
         if number % 10 == 9:
             jax.clear_caches()  # each compiled program holds memory maps, of which Linux allows a process 65,530
-        solution = warpopt.optimal_warp(frustum, d["theta"], metric, order, measure, throw=False)
-        solution, at_eta = jax.tree.map(np.asarray, solution), norm_of(d, combination)
+        solution = warpopt.optimal_warp(view_of(d), objective, throw=False)
+        solution, at_eta = jax.tree.map(np.asarray, solution), norm_of(d, objective)
         order_of_doubt = np.argsort(-indicator)
         chosen = np.unique(np.concatenate([strata(d, stratified), order_of_doubt[:hardest]]))
-        errors = mapped(reference_errors, answers(d, chosen, solution, at_eta, combination))
+        errors = mapped(reference_errors, answers(d, chosen, solution, at_eta, objective))
         for key in ("regret_over_k_eps", "value_ulp", "norm_ulp"):
             values = np.array([e[key] for e in errors])
             found[key] = float(values.max())
             at = int(chosen[int(values.argmax())])
-            case = {name: float(d[name][at]).hex() for name in d}
+            case = {given: float(values[at]).hex() for given, values in d.items()}
             worst_rows.append(
-                {"dtype": np.dtype(dtype).name, "metric": metric, "order": order, "measure": measure, "figure": key,
-                 "worst": found[key], **case}
+                {"dtype": np.dtype(dtype).name, "metric": objective.name, "order": objective.order,
+                 "measure": objective.measure, "figure": key, "worst": found[key], **case}
             )  # fmt: skip
         points += [
             (float(d["theta"][i]), float(d["far"][i]) / float(d["near"][i]), max(e["value_ulp"], e["norm_ulp"]))
             for i, e in zip(chosen, errors, strict=True)
         ]
-        table[f"E_{metric} order {order:g} {measure}"] = found
+        table[name] = found
         print(
-            f"{np.dtype(dtype).name} E_{metric} {order:g} {measure}: "
+            f"{np.dtype(dtype).name} {name}: "
             + ", ".join(f"{k} {v:.3g}" for k, v in found.items())
             + f" ({time.perf_counter() - start:.0f} s)",
             flush=True,
@@ -287,7 +277,10 @@ TARGETS = {
 }  # fmt: skip
 
 KNOWN_LIMITS = [
-    ("E at (y, z) on the upper plane", "the condition number, up to 1/eta, is inherent; use `aliasing_error_uz`"),
+    (
+        "E at (y, z) on the upper plane",
+        "its condition number, up to 1/eta, is inherent; use `theory.aliasing_error_uz`",
+    ),
     ("1 - eta, lambda next to the onset of no warp", "condition number 1/(1 - eta); the regret stays at rounding"),
     ("eta of a flat optimum", "its condition number is 1/sqrt(second derivative); reported by regret"),
     ("f/n > 7.9e13 in L_P", "outside the tabulated integrals: `Outcome.not_finite`"),
@@ -346,7 +339,7 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--draws", type=int, default=1_040_000)
     parser.add_argument("--references", type=int, default=3_000, help="stratified draws, and as many of the worst")
     parser.add_argument("--points", type=int, default=3_000)
-    parser.add_argument("--combinations", type=int, default=len(COMBINATIONS), help="evenly chosen, for a short run")
+    parser.add_argument("--objectives", type=int, default=len(OBJECTIVES), help="evenly chosen, for a short run")
     parser.add_argument("--processes", type=int, default=os.cpu_count(), help="for the references")
     parser.add_argument("--page", type=Path, help="a page with a place for `stability`")
     parser.add_argument("--dtypes", nargs="+", default=["float64", "float32"])

@@ -15,9 +15,8 @@ import os, sys
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 sys.path.insert(0, {folder!r})
 import warpopt
-from runtime_vs_error import frustum_of, problems
-frustum, theta = frustum_of(problems({count}, 0))
-warpopt.optimal_warp(frustum, theta, "p", "l2", throw=False)
+from runtime_vs_error import problems, view_of
+warpopt.optimal_warp(view_of(problems({count}, 0)), warpopt.Objective("p", "l2"), throw=False)
 # Not getrusage's ru_maxrss: Linux starts it from the parent's, across exec.
 peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
 print(int(peak.split()[1]) / 1024)
@@ -27,38 +26,34 @@ print(int(peak.split()[1]) / 1024)
 def measure_targets(rows: list[dict], arguments) -> dict[str, dict]:
     """Every target: what was measured, what was asked for, how."""
     from peers import errors_as_printed
-    from runtime_vs_error import frustum_of, problems, seconds
+    from runtime_vs_error import problems, rows_of, seconds, view_of
 
     batch = arguments.batch
     raw = problems(batch, 0)
-    frustum, theta = frustum_of(raw)
+    many = view_of(raw)
+    least_squares = warpopt.Objective("p", "l2")
     found: dict[str, dict] = {}
 
     def put(name: str, measured: float, target: str, how: str) -> None:
         found[name] = {"measured": measured, "target": target, "how": how}
 
-    def per_solve(metric, norm, measure, method) -> float:
-        key = (metric, norm, measure)
-        times = [
-            r["ns_per_solve"] for r in rows if (r["metric"], r["norm"], r["measure"]) == key and r["method"] == method
-        ]
-        return min(times) if times else float("nan")
-
     for measure, one_by_one in (("volume", 2000), ("screen", 1000)):
-        mine = per_solve("p", "l2", measure, "warpopt")
-        accurate = [r for r in rows if (r["metric"], r["norm"], r["measure"]) == ("p", "l2", measure)]
-        one = [
-            r["ns_per_solve"] for r in accurate if r["method"].startswith("SciPy minimize") and "1e-08" in r["effort"]
-        ]
+
+        def per_solve(method: str, effort: str = "", measure: str = measure) -> float:
+            objective = warpopt.Objective("p", "l2", measure)
+            found = (r["ns_per_solve"] for r in rows_of(rows, objective, method) if effort in r["effort"])
+            return min(found, default=float("nan"))
+
+        mine = per_solve("warpopt")
         put(
             f"E_p L2 {measure}: SciPy one at a time / ours",
-            (one or [np.nan])[0] / mine,
+            per_solve("SciPy minimize_scalar, one at a time", "1e-08") / mine,
             f">= {one_by_one}",
             "per solve",
         )
         put(
             f"E_p L2 {measure}: SciPy find_root / ours",
-            per_solve("p", "l2", measure, "SciPy elementwise.find_root") / mine,
+            per_solve("SciPy elementwise.find_root") / mine,
             ">= 20" if measure == "volume" else "(reported)",
             "per solve, both vectorised",
         )
@@ -76,15 +71,16 @@ def measure_targets(rows: list[dict], arguments) -> dict[str, dict]:
                 "interior optima, f/n <= 1e4",
             )
 
-    def solve_time(metric, norm, measure) -> float:
-        return seconds(lambda: warpopt.optimal_warp(frustum, theta, metric, norm, measure, throw=False))
+    def solve_time(view=many, objective=least_squares, repeats=5) -> float:
+        return seconds(lambda: warpopt.optimal_warp(view, objective, throw=False), repeats)
 
     eta = jnp.asarray(np.random.default_rng(5).uniform(0.01, 0.99, batch))
-    warp = warpopt.Warp(eta, 1 - eta, eta, jnp.ones((), bool))
+    warp = warpopt.Warp.from_eta(eta, many)
     ep = {}
     for measure in ("screen",) if arguments.short else ("screen", "volume"):
-        ep[measure] = solve_time("p", "l2", measure)
-        moment_pass = seconds(lambda m=measure: warpopt.error_norm(frustum, theta, warp, "p", "l2", m))
+        objective = warpopt.Objective("p", "l2", measure)
+        ep[measure] = solve_time(objective=objective)
+        moment_pass = seconds(lambda objective=objective: warpopt.error_norm(many, warp, objective))
         put(
             f"E_p L2 {measure}: whole solve / moment pass",
             ep[measure] / moment_pass,
@@ -92,7 +88,7 @@ def measure_targets(rows: list[dict], arguments) -> dict[str, dict]:
             "moments and one norm value",
         )
         for metric in ("q", "pxq"):
-            ratio = solve_time(metric, "l2", measure) / ep[measure]
+            ratio = solve_time(objective=warpopt.Objective(metric, "l2", measure)) / ep[measure]
             put(f"E_{metric} L2 {measure} / E_p L2 {measure}", ratio, "<= 4", "whole solves")
 
     corners = jnp.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
@@ -108,19 +104,18 @@ def measure_targets(rows: list[dict], arguments) -> dict[str, dict]:
 
         arrays = [jnp.asarray(v) for v in raw]
         evaluation = seconds(lambda e=four_corners, a=arrays: e(*a, eta))
-        ratio = solve_time(metric, "inf", "screen") / evaluation
+        ratio = solve_time(objective=warpopt.Objective(metric)) / evaluation
         put(f"E_{metric} L-inf: solve / objective at four corners", ratio, "<= 4", "trigonometry on both sides")
 
     one = warpopt.ViewFrustum(1.0, 100.0, 0.5)
-    sweep = seconds(lambda: warpopt.optimal_warp(one, theta, "p", "l2", "screen", throw=False))
+    sweep = solve_time(warpopt.FrustumView(one, many.theta))
     put("E_p L2 screen: random batch / theta sweep", ep["screen"] / sweep, ">= 3", "per solve, same count")
-    single = seconds(lambda: warpopt.optimal_warp(one, 0.7, "p", "l2", throw=False), 30)
-    put("overhead of one call (ms)", single * 1e3, "<= 2", "one problem, compiled before")
+    single = seconds(lambda: warpopt.optimal_warp(warpopt.FrustumView(one, 0.7), least_squares, throw=False), 30)
+    put("overhead of one call (ms)", single * 1e3, "<= 2", "one problem with its view, compiled before")
     if not arguments.short:
         times = {}
         for count in (100_000, 1_000_000, 10_000_000):
-            some = frustum_of(problems(count, 0))
-            times[count] = seconds(lambda s=some: warpopt.optimal_warp(*s, "p", "l2", throw=False), 3)
+            times[count] = solve_time(view_of(problems(count, 0)), repeats=3)
             put(f"ns per solve at {count:.0e}", times[count] / count * 1e9, "(reported)", "E_p L2 screen")
         slopes = [(times[b] - times[a]) / (b - a) for a, b in ((100_000, 1_000_000), (1_000_000, 10_000_000))]
         spread = max(slopes) / min(slopes) - 1
@@ -137,8 +132,7 @@ def measure_targets(rows: list[dict], arguments) -> dict[str, dict]:
         )
     if jax.default_backend() != "cpu":
         count = 10_000_000
-        some = frustum_of(problems(count, 0))
-        time = seconds(lambda: warpopt.optimal_warp(*some, "p", "l2", throw=False))
+        time = solve_time(view_of(problems(count, 0)))
         copy = jnp.zeros(50_000_000)
         bandwidth = 2 * copy.nbytes / seconds(lambda: copy + 1)
         put("accelerator: ns per solve", time / count * 1e9, "(reported)", "E_p L2 screen, 1e7")

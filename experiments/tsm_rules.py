@@ -23,21 +23,26 @@ def compare(ratio: float, phi_deg: float, kappa: float = 0.5, xi: float = 0.8, c
     frustum = warpopt.ViewFrustum(1.0, ratio, np.deg2rad(phi_deg))
     degrees = np.linspace(0, phi_deg, count)
     theta = np.minimum(np.deg2rad(degrees), np.deg2rad(phi_deg))
+    view = warpopt.FrustumView(frustum, theta)
     warps = {"tsm": warpopt.rules.tsm(frustum, theta, kappa, xi)}
     warps["alternative"] = warpopt.rules.tsm_alternative(frustum, theta, kappa)
     row = {"f/n": ratio, "phi": phi_deg}
     for name, warp in warps.items():
         row[f"{name}: no warp"] = ranges(degrees, np.asarray(warp.no_warp))
         row[f"{name}: undefined"] = ranges(degrees, ~np.asarray(warp.defined))
+    none = warpopt.Warp.from_eta(1.0, view)
     for metric in METRICS:
-        best = np.asarray(warpopt.optimal_warp(frustum, theta, metric).value)
-        of = {name: np.asarray(warpopt.error_norm(frustum, theta, warp, metric)) / best for name, warp in warps.items()}
-        none = np.asarray(warpopt.error_norm(frustum, theta, warpopt.rules.ssm(frustum, theta), metric)) / best
+        objective = warpopt.Objective(metric)
+        best = np.asarray(warpopt.optimal_warp(view, objective).value)
+        of = {
+            name: np.asarray(warpopt.error_norm(view, warp, objective)) / best
+            for name, warp in (warps | {"no warp": none}).items()
+        }
         row[metric] = {
-            "over limit": float((best / warpopt.limit(frustum, theta)).max()) if metric == "p" else None,
+            "over bound": float((best / warpopt.lower_bound(view)).max()) if metric == "p" else None,
             "alternative better": ranges(degrees, of["alternative"] < of["tsm"] * (1 - 1e-12)),
             "tsm better": ranges(degrees, of["tsm"] < of["alternative"] * (1 - 1e-12)),
-            "worst": {name: float(values.max()) for name, values in (of | {"no warp": none}).items()},
+            "worst": {name: float(values.max()) for name, values in of.items()},
         }
     return row
 
@@ -61,9 +66,15 @@ def table(rows: list[dict]) -> str:
             ranges_of = (row["alternative: no warp"], one["alternative better"], one["tsm better"])
             worst = (one["worst"][name] for name in ("tsm", "alternative", "no warp"))
             start = (f"{row['f/n']:g}", f"{row['phi']:g}", f"E_{metric}")
-            cells.append([*start, *map(words, ranges_of), *worst, one["over limit"] or "not known"])
+            cells.append([*start, *map(words, ranges_of), *worst, one["over bound"] or "not known"])
     always = all(not row["tsm: no warp"] and not row["tsm: undefined"] for row in rows)
-    heads = (*heads, "worst over the optimum's: TSM", "alternative", "no warp", "the optimum's worst over the limit")
+    heads = (
+        *heads,
+        "worst over the optimum's: TSM",
+        "alternative",
+        "no warp",
+        "the optimum's worst over the lower bound",
+    )
     text = markdown_table(heads, cells)
     return f"{text}\n\nAngles in degrees, L-inf over V. " + (
         "TSM's first rule warps everywhere here, at theta = 0 too, where no warp is the best."

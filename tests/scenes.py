@@ -55,3 +55,28 @@ def turned(seed: int) -> tuple[jnp.ndarray, jnp.ndarray]:
     rng = np.random.default_rng(seed)
     q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     return jnp.asarray(q * np.sign(np.linalg.det(q))), jnp.asarray(rng.normal(size=3) * 20)
+
+
+def norms_of_points(points, weights, direction, etas, metric, order, tan_phi):
+    """Norms by raw geometry for a camera at the origin that looks along -z, one eta after another.
+
+    World vectors; densities of a screen of slope tan_phi.
+    """
+    light = direction / np.linalg.norm(direction)
+    view = np.array([0, 0, -1.0])
+    z_axis = view - light * (light @ view)
+    z_axis /= np.linalg.norm(z_axis)
+    x_axis = np.cross(light, z_axis)
+    d, x, z = points @ z_axis, points @ x_axis, points @ view
+    mu = np.ptp(d)
+    x = x - np.clip(0, x.min(), x.max())
+    out = []
+    for eta in etas:
+        lam = mu * eta / (1 - eta)
+        z_w = lam + d - d.min()
+        s_slope = lam * (lam + mu) / (mu * z_w**2)  # ds/dd of s = (lam + mu)(z_w - lam)/(mu z_w)
+        t = x * (lam + mu) / z_w
+        e_p, e_q = 1 / (s_slope * z * tan_phi), np.ptp(t) * z_w / (lam + mu) / (z * tan_phi)
+        e = {"p": e_p, "q": e_q, "pxq": e_p * e_q, "max": np.maximum(e_p, e_q)}[metric]
+        out.append(e.max() if np.isinf(order) else np.average(e**order, weights=weights) ** (1 / order))
+    return np.array(out)

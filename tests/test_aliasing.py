@@ -12,6 +12,7 @@ import warpopt
 
 EPS = np.finfo(np.float64).eps
 FRUSTUM, THETA = scenes.batch()
+VIEW = warpopt.FrustumView(FRUSTUM, THETA)
 LAM_OVER_MU = (1e-4, 0.03, 0.6, 40.0)
 U, DEPTH_FRACTION = (0.0, 0.3, 0.5, 0.9, 1.0), (0.0, 0.2, 0.7, 1.0)
 
@@ -56,8 +57,9 @@ def test_errors_equal_the_papers_corrected_form():
     eta = np.random.default_rng(3).uniform(0.05, 0.99, 200)
     a = np.maximum(np.sin(theta) - np.tan(phi) * np.cos(theta), 0)
     eta = np.maximum(eta, 1.01 * n * a / (n * a + mu))  # lambda >= n a, where the paper's F_q contains V
-    frustum, warp = warpopt.ViewFrustum(n, f, phi), warpopt.Warp.from_eta(eta, mu)
-    got = [np.asarray(warpopt.aliasing_error(frustum, theta, warp, y, z, metric)) for metric in ("p", "q")]
+    frustum = warpopt.ViewFrustum(n, f, phi)
+    warp = warpopt.Warp.from_eta(eta, warpopt.FrustumView(frustum, theta))
+    got = [np.asarray(warpopt.theory.aliasing_error(frustum, theta, warp, y, z, metric)) for metric in ("p", "q")]
     for i in range(200):
         scene = twin.Scene(n[i], f[i], phi[i], theta[i])
         lam = scene.lam(mpf(float(eta[i])))
@@ -73,8 +75,8 @@ def test_errors_equal_raw_geometry_everywhere(name):
     u, fraction, ratio = (v.ravel() for v in np.meshgrid(U, DEPTH_FRACTION, LAM_OVER_MU, indexing="ij"))
     u, fraction, ratio = u[:, None], fraction[:, None], ratio[:, None]
     z = FRUSTUM.near * (1 - fraction) + FRUSTUM.far * fraction
-    warp = warpopt.Warp.from_range_ratio(jnp.asarray(1 / ratio), jnp.asarray(1.0))
-    got = np.asarray(warpopt.aliasing_error_uz(FRUSTUM, THETA, warp, u, z, name))
+    warp = warpopt.Warp.from_range_ratio(jnp.asarray(1 / ratio), VIEW)
+    got = np.asarray(warpopt.theory.aliasing_error_uz(FRUSTUM, THETA, warp, u, z, name))
     for j, (scene, theta) in enumerate(zip(scenes.twins(), THETA, strict=True)):
         side = 1 if theta <= np.pi / 2 else -1
         for i in range(len(u)):
@@ -88,7 +90,7 @@ def test_no_warp_is_the_limit_of_large_lambda():
     warp = warpopt.rules.ssm(FRUSTUM, THETA)
     z = 0.3 * FRUSTUM.near + 0.7 * FRUSTUM.far
     for name, exponents in {"p": (1, 0), "q": (0, 1), "pxq": (1, 1)}.items():
-        got = warpopt.aliasing_error(FRUSTUM, THETA, warp, 0.1 * z * np.tan(FRUSTUM.half_fov), z, name)
+        got = warpopt.theory.aliasing_error(FRUSTUM, THETA, warp, 0.1 * z * np.tan(FRUSTUM.half_fov), z, name)
         exact = [s.no_warp_error(*exponents, mpf(float(at))) for s, at in zip(scenes.twins(), z, strict=True)]
         np.testing.assert_allclose(got, [float(e) for e in exact], rtol=16 * EPS)
 
@@ -98,18 +100,19 @@ def test_the_errors_are_derivatives_along_lines():
     n, f, phi, theta, lam, mu, x, y, z = random_views(300, 4)
     rng = np.random.default_rng(5)
     kx, ky = rng.uniform(-3, 3, (2, 300))
-    frustum, warp = warpopt.ViewFrustum(n, f, phi), warpopt.Warp.from_lam(lam, mu)
+    frustum = warpopt.ViewFrustum(n, f, phi)
+    warp = warpopt.Warp.from_lam(lam, warpopt.FrustumView(frustum, theta))
 
     def along(depth):
         at_x, at_y = kx * (depth - z) + x, ky * (depth - z) + y
         return (
-            warpopt.screen_coordinates(frustum, at_x, at_y, depth),
-            warpopt.texture_coordinates(frustum, theta, warp, at_x, at_y, depth),
+            warpopt.theory.screen_coordinates(frustum, at_x, at_y, depth),
+            warpopt.theory.texture_coordinates(frustum, theta, warp, at_x, at_y, depth),
         )
 
     _, ((dq, dp), (dt, ds)) = jax.jvp(along, (jnp.asarray(z),), (jnp.ones(300),))
-    proj_q, proj_p = warpopt.projection_factors(frustum, theta, warp, x, y, z, kx, ky)
-    e_q, e_p = (warpopt.aliasing_error(frustum, theta, warp, y, z, metric) for metric in ("q", "p"))
+    proj_q, proj_p = warpopt.theory.projection_factors(frustum, theta, warp, x, y, z, kx, ky)
+    e_q, e_p = (warpopt.theory.aliasing_error(frustum, theta, warp, y, z, metric) for metric in ("q", "p"))
     # Where a numerator or denominator is itself a difference (the line nearly through the eye, or along the light),
     # autodiff and formula round it differently: leave those out, they are few.
     s, c = np.sin(theta), np.cos(theta)
@@ -117,7 +120,7 @@ def test_the_errors_are_derivatives_along_lines():
     z_w = (
         mu
         / np.asarray(warp.one_minus_eta)
-        * np.asarray(warpopt.LightSpace(frustum, theta).depth_yz(y, z).blend(warp.eta))
+        * np.asarray(warpopt.theory.LightSpace(frustum, theta).depth_yz(y, z).blend(warp.eta))
     )
     steady = (np.abs(kx - x / z) > 0.05) & (np.abs(ky - y / z) > 0.05) & (np.abs(rate) > 0.05)
     steady &= np.abs(kx - x / z_w * rate) > 0.05 * (np.abs(kx) + np.abs(x / z_w * rate))
@@ -132,8 +135,8 @@ def test_texture_coordinates_equal_raw_geometry_and_fill_the_map():
     twins = scenes.twins()
     x, y, z = (np.array([[float(c[k]) for c in s.corners] for s in twins]).T for k in range(3))
     for ratio in LAM_OVER_MU:
-        warp = warpopt.Warp.from_range_ratio(jnp.asarray(1 / ratio), jnp.asarray(1.0))
-        t, s = (np.asarray(v) for v in warpopt.texture_coordinates(FRUSTUM, THETA, warp, x, y, z))
+        warp = warpopt.Warp.from_range_ratio(jnp.asarray(1 / ratio), VIEW)
+        t, s = (np.asarray(v) for v in warpopt.theory.texture_coordinates(FRUSTUM, THETA, warp, x, y, z))
         for j, scene in enumerate(twins):
             lam = scene.lam(mpf(float(warp.eta)))
             exact = [scene.texture(lam, *map(mpf, map(float, (x[i, j], y[i, j], z[i, j])))) for i in range(8)]
@@ -150,26 +153,26 @@ def test_the_local_form_is_the_global_one_on_the_axis_under_an_overhead_light():
     frustum = warpopt.ViewFrustum(2.0, 300.0, 0.6)
     z = jnp.linspace(2.0, 300.0, 40)
     for lam in (0.5, 2.0, 26.5, 1e3):
-        warp = warpopt.Warp.from_lam(lam, 298.0)
+        warp = warpopt.Warp.from_lam(lam, warpopt.FrustumView(frustum, np.pi / 2))
         printed_p = 298 / ((298 + lam) * lam * np.tan(0.6)) * (z - 2 + lam) ** 2 / z
         printed_q = 2 * 300 / (298 + lam) * (z - 2 + lam) / z
         for metric, printed in {"p": printed_p, "q": printed_q, "pxq": printed_p * printed_q}.items():
-            local = warpopt.local_aliasing_error(frustum, warp, z, metric)
+            local = warpopt.theory.local_aliasing_error(frustum, warp, z, metric)
             np.testing.assert_allclose(local, printed, rtol=20 * EPS)
             if lam >= 2.0:  # below lambda = n a the near corners widen W, which the local form does not know
-                on_axis = warpopt.aliasing_error(frustum, np.pi / 2, warp, 0.0, z, metric)
+                on_axis = warpopt.theory.aliasing_error(frustum, np.pi / 2, warp, 0.0, z, metric)
                 np.testing.assert_allclose(local, on_axis, rtol=40 * EPS)
 
 
 def test_light_space_keeps_every_digit():
     """mu, d0 and both depths of every corner, relatively, where the naive forms lose up to all of them."""
-    space = warpopt.LightSpace(FRUSTUM, THETA)
+    space = warpopt.theory.LightSpace(FRUSTUM, THETA)
     edges = {u: space.edge(u) for u in (0.0, 1.0)}
     for j, (scene, theta) in enumerate(zip(scenes.twins(), THETA, strict=True)):
         # The inputs' tan(phi) and sin(theta) are rounded: a few eps of each positive term.
         assert abs(float(float(space.mu[j]) / scene.mu - 1)) < 8 * EPS
         scale = scene.near if scene.d0 > 0 else scene.far
-        assert abs(float(float(space.minimum_depth[j]) - scene.d0)) < 8 * EPS * float(scale)
+        assert abs(float(float(space.start[j]) - scene.d0)) < 8 * EPS * float(scale)
         side = 1 if theta <= np.pi / 2 else -1
         for u, ends in edges.items():
             for depth, z in zip(ends, (scene.near, scene.far), strict=True):
@@ -182,7 +185,7 @@ def test_mirror_of_the_light_is_the_mirror_of_the_scene():
     """theta -> pi - theta is y -> -y (exactly so in the twin; here to the rounding of pi - theta)."""
     theta = jnp.asarray([0.1, scenes.PHI, 1.0, 1.5])
     frustum = warpopt.ViewFrustum(1.0, 100.0, scenes.PHI)
-    warp = warpopt.Warp.from_eta(0.1, 1.0)
-    there = warpopt.aliasing_error(frustum, theta, warp, 3.0, 20.0, "pxq")
-    here = warpopt.aliasing_error(frustum, np.pi - theta, warp, -3.0, 20.0, "pxq")
+    here, mirrored = (warpopt.Warp.from_eta(0.1, warpopt.FrustumView(frustum, t)) for t in (theta, np.pi - theta))
+    there = warpopt.theory.aliasing_error(frustum, theta, here, 3.0, 20.0, "pxq")
+    here = warpopt.theory.aliasing_error(frustum, np.pi - theta, mirrored, -3.0, 20.0, "pxq")
     np.testing.assert_allclose(here, there, rtol=64 * EPS)

@@ -4,6 +4,7 @@ import ast
 import csv
 import json
 import math
+import os
 import re
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 
 import warpopt
 from warpopt.app import cli
+from warpopt.app.common import output
 from warpopt.app.common.settings import ConfigError, read_config
 from warpopt.app.compare.settings import CompareConfig, SceneCompareConfig
 from warpopt.app.scene.settings import SceneConfig
@@ -341,3 +343,50 @@ def test_read_config_names_a_broken_file(folder):
     (folder / "broken.toml").write_text("[view\n")
     with pytest.raises(ConfigError, match="not a TOML file"):
         read_config(folder / "broken.toml", [], RunConfig)
+
+
+def test_what_a_killed_run_left_is_removed_by_the_next(tmp_path):
+    """Of processes that are gone, alone: another run of the same output may be at work."""
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    left, mine, other = (tmp_path / f".out.{name}.part" for name in (f"{gone.pid}-abc", f"{os.getpid()}-abc", "notes"))
+    for folder in (left, mine, other):
+        folder.mkdir()
+    aside = tmp_path / f".out.{gone.pid}-abd.old"
+    aside.mkdir()
+    (aside / output.MARK).write_text('{"files": ["run.json"]}')
+    with output.whole_folder(tmp_path / "out") as folder:
+        assert (tmp_path / "out" / output.MARK).exists()  # put back
+        (folder / "new").touch()
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([mine.name, other.name, "out"])
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["new"]
+
+
+@pytest.mark.parametrize("setting", ["flag", "variable"])
+def test_compiled_programs_are_kept_but_where_that_is_refused(tmp_path, setting):
+    """Twice the same answer and nothing on stderr; a cut program costs a compilation; none is kept if so asked."""
+    arguments = ["solve", "--near", "1", "--far", "100", "--half-fov-deg", "30", "--theta-deg", "60", "--json"]
+    kept = {**os.environ, "WARPOPT_CACHE": str(tmp_path / "kept")}
+    kept.pop("JAX_COMPILATION_CACHE_DIR", None)
+    answers = []
+    for _ in range(3):
+        found = subprocess.run([sys.executable, "-m", "warpopt.app.cli", *arguments], env=kept, capture_output=True)
+        assert (found.returncode, found.stderr) == (0, b"")
+        answers.append(json.loads(found.stdout))
+        programs = list((tmp_path / "kept").rglob("*-cache"))
+        assert programs
+        for program in programs:
+            program.write_bytes(program.read_bytes()[:-7])
+    assert answers[0] == answers[1] == answers[2]
+    without = (
+        kept | {"WARPOPT_CACHE": "0"} if setting == "variable" else kept | {"WARPOPT_CACHE": str(tmp_path / "none")}
+    )
+    words = arguments if setting == "variable" else [*arguments, "--no-cache"]
+    found = subprocess.run([sys.executable, "-m", "warpopt.app.cli", *words], env=without, capture_output=True)
+    assert json.loads(found.stdout) == answers[0]
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_misspelt_command_is_told_the_nearest(capsys):
+    assert invoke("solv") == 2
+    assert "got 'solv'" in capsys.readouterr().err

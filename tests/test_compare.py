@@ -33,6 +33,7 @@ CONFIGS = Path(__file__).parents[1] / "configs"
 PHI = math.radians(30.0)
 FRUSTUM = warpopt.ViewFrustum(1.0, 100.0, PHI)
 THETA = np.deg2rad([0.0, 5.0, 12.0, 30.0, 45.0, 60.0, 90.0])
+VIEW = warpopt.FrustumView(FRUSTUM, THETA)
 CONFIG = """
 [view]
 near = 1.0
@@ -52,7 +53,7 @@ import numpy as np
 import warpopt
 
 def tenth(frustum, theta):
-    return warpopt.Warp.from_eta(np.full(theta.shape, 0.1), 1.0)
+    return warpopt.Warp.from_eta(np.full(theta.shape, 0.1), warpopt.FrustumView(frustum, theta))
 
 def raises(frustum, theta):
     raise ZeroDivisionError("empty body")
@@ -61,10 +62,10 @@ def number(frustum, theta):
     return 11.0
 
 def long(frustum, theta):
-    return warpopt.Warp.from_eta(np.full(3, 0.1), 1.0)
+    return warpopt.Warp.from_eta(np.full(3, 0.1), warpopt.theory.Extent(0.0, 1.0))
 
 def negative(frustum, theta):
-    return warpopt.Warp(theta - 1, 2 - theta, theta, np.array(True))
+    return warpopt.Warp(theta - 1, 2 - theta, theta, theta, np.array(True))
 
 constant = 3
 """
@@ -73,7 +74,7 @@ constant = 3
 def tenth(frustum, theta):
     """eta = 1/10 by NumPy and an if: nothing that JAX could trace."""
     assert float(theta[0]) >= 0
-    return warpopt.Warp.from_eta(np.full(theta.shape, 0.1), 1.0)
+    return warpopt.Warp.from_eta(np.full(theta.shape, 0.1), warpopt.FrustumView(frustum, theta))
 
 
 def invoke(*arguments: str) -> int:
@@ -84,7 +85,7 @@ def invoke(*arguments: str) -> int:
 
 @pytest.fixture(scope="module")
 def comparison():
-    return warpopt.compare_rules(FRUSTUM, THETA, KNOWN | {"tenth": tenth})
+    return warpopt.compare_rules(VIEW, KNOWN | {"tenth": tenth})
 
 
 @pytest.fixture(scope="module")
@@ -107,16 +108,16 @@ def folder(written, monkeypatch):
 
 def test_values_are_those_of_the_library(comparison):
     """Other shapes are compiled otherwise: 4 eps each for the optimum and the norm."""
-    solution = warpopt.optimal_warp(FRUSTUM, THETA)
+    solution = warpopt.optimal_warp(VIEW)
     np.testing.assert_allclose(comparison.solution.value, solution.value, rtol=8 * EPS)
-    np.testing.assert_allclose(comparison.limit, warpopt.limit(FRUSTUM, THETA), rtol=8 * EPS)
+    np.testing.assert_allclose(comparison.bound, warpopt.lower_bound(VIEW), rtol=8 * EPS)
     for name in ("tsm", "filament", "osg_lispsm_corrected"):
         i, warp = comparison.names.index(name), KNOWN[name](FRUSTUM, THETA)
         np.testing.assert_array_equal(comparison.defined[i], warp.defined)
-        expected = np.where(warp.defined, warpopt.error_norm(FRUSTUM, THETA, warp), np.nan)
+        expected = np.where(warp.defined, warpopt.error_norm(VIEW, warp), np.nan)
         np.testing.assert_allclose(comparison.values[i], expected, rtol=16 * EPS)
         np.testing.assert_allclose(comparison.ratio[i], expected / solution.value, rtol=16 * EPS)
-        np.testing.assert_allclose(comparison.over_limit[i], expected / comparison.limit, rtol=16 * EPS)
+        np.testing.assert_allclose(comparison.over_bound[i], expected / comparison.bound, rtol=16 * EPS)
     assert not comparison.defined[comparison.names.index("osg_lispsm_corrected")].all()
     assert (np.nan_to_num(comparison.ratio, nan=1) >= 1 - 8 * EPS).all()
     np.testing.assert_allclose(comparison.unwarped, comparison.values[comparison.names.index("ssm")], rtol=4 * EPS)
@@ -147,7 +148,7 @@ def test_ends_of_regions_are_bisected(comparison):
     assert np.rad2deg(interval[1]) == pytest.approx(end, rel=1e-10)
     assert interval[0] < 1e-6  # no warp at theta = 0 itself, where its lambda is inf
     # The closed form: the near end of the lower plane rules, and (1 - d) eta + d = sqrt(eta) has the root (d/(1-d))^2.
-    space = warpopt.LightSpace(FRUSTUM, jnp.asarray(interval[1]))
+    space = warpopt.theory.LightSpace(FRUSTUM, jnp.asarray(interval[1]))
     near, _ = space.edge(1.0)
     eta = warpopt.rules.lispsm(FRUSTUM, interval[1]).eta
     assert float(eta) == pytest.approx(float(near.delta / near.one_minus_delta) ** 2, rel=1e-10)
@@ -195,7 +196,10 @@ def test_the_worst_is_found_between_the_directions(comparison):
         worst = comparison.worst(name)
         theta = np.r_[worst.theta, np.linspace(THETA[2], THETA[4], 99)]
         warp = KNOWN[name](FRUSTUM, theta)
-        ratio = warpopt.error_norm(FRUSTUM, theta, warp) / warpopt.optimal_warp(FRUSTUM, theta).value
+        ratio = (
+            warpopt.error_norm(warpopt.FrustumView(FRUSTUM, theta), warp)
+            / warpopt.optimal_warp(warpopt.FrustumView(FRUSTUM, theta)).value
+        )
         ratio = np.where(warp.defined, ratio, 0)
         assert worst.ratio == pytest.approx(ratio[0], rel=64 * EPS)
         assert worst.ratio >= ratio.max() * (1 - 64 * EPS)
@@ -207,22 +211,22 @@ def test_what_has_no_bound_is_infinite_with_its_place(comparison):
     """lambda vanishes there: PSM's n a at phi, minimum_norm's f a + 10 sin(theta) at 110 tan(theta) = 100 tan(phi)."""
     places = {"psm": PHI, "minimum_norm": math.atan(100 * math.tan(PHI) / 110)}
     for name, place in places.items():
-        for over in ("optimum", "limit"):
+        for over in ("optimum", "bound"):
             ratio, theta, _ = comparison.worst(name, over)
             assert ratio == math.inf
             assert theta == pytest.approx(place, rel=1e-9)
         assert np.isnan(comparison.mean(name))
     bounded = [name for name in comparison.names if np.isfinite(comparison.worst(name).ratio)]
     assert set(comparison.names) - set(bounded) == {*places, "osg_lispsm_corrected"}
-    assert all(np.isfinite(comparison.worst(name, "limit").ratio) for name in bounded)
+    assert all(np.isfinite(comparison.worst(name, "bound").ratio) for name in bounded)
 
 
 def test_how_much_worse_than_no_warp(comparison):
     """LiSPSM by 1.47 % at 4.15 degrees, between two directions given: a dense sweep has no more."""
     worst = comparison.worst("lispsm", "no_warp")
     theta = np.r_[worst.theta, np.deg2rad(np.linspace(0.1, 7.0, 100))]
-    ratio = warpopt.error_norm(FRUSTUM, theta, warpopt.rules.lispsm(FRUSTUM, theta))
-    ratio = ratio / warpopt.error_norm(FRUSTUM, theta, warpopt.rules.ssm(FRUSTUM, theta))
+    ratio = warpopt.error_norm(warpopt.FrustumView(FRUSTUM, theta), warpopt.rules.lispsm(FRUSTUM, theta))
+    ratio = ratio / warpopt.error_norm(warpopt.FrustumView(FRUSTUM, theta), warpopt.rules.ssm(FRUSTUM, theta))
     assert worst.ratio == pytest.approx(float(ratio[0]), rel=64 * EPS)
     assert 1.0146 < worst.ratio < 1.0148
     assert worst.ratio >= float(ratio.max()) * (1 - 64 * EPS)
@@ -231,7 +235,9 @@ def test_how_much_worse_than_no_warp(comparison):
 
 def test_what_is_undefined_between_the_directions_is_not_ranked():
     """Four directions see neither gap of the corrected rule; its pole towards the first one is found all the same."""
-    found = warpopt.compare_rules(FRUSTUM, np.deg2rad([0.0, 30.0, 60.0, 90.0]), ["ssm", "osg_lispsm_corrected"])
+    found = warpopt.compare_rules(
+        warpopt.FrustumView(FRUSTUM, np.deg2rad([0.0, 30.0, 60.0, 90.0])), ["ssm", "osg_lispsm_corrected"]
+    )
     assert found.defined.all()
     assert np.isinf(found.worst("osg_lispsm_corrected").ratio)
     assert not found.complete("osg_lispsm_corrected")
@@ -279,7 +285,7 @@ def test_a_rule_of_one_angle_is_called_for_each():
     eta, defined = rule_set.warps_of(own, FRUSTUM, jnp.asarray(THETA))
     assert defined.all()
     np.testing.assert_allclose(eta[0] ** 2, warpopt.rules.lispsm(FRUSTUM, THETA).eta, rtol=4 * EPS)
-    mu = np.asarray(warpopt.LightSpace(FRUSTUM, jnp.asarray(THETA)).mu)
+    mu = np.asarray(warpopt.theory.LightSpace(FRUSTUM, jnp.asarray(THETA)).mu)
     np.testing.assert_allclose(eta[1], np.where(THETA < math.radians(10), 1, 11 / (11 + mu)), rtol=8 * EPS)
 
 
@@ -304,19 +310,22 @@ def test_rules_come_as_names_callables_or_a_dict():
         (lambda f, t: 11.0, "got float from it, expected a warpopt.Warp"),
         (lambda f, t: math.sin("x"), r"it raised TypeError: .* called with theta of shape \(\)"),
         (lambda f, t: 1 / 0, "it raised ZeroDivisionError: division by zero"),
-        (lambda f, t: warpopt.Warp.from_eta(np.full(3, 0.1), 1.0), r"shape \(3,\) from it, expected theta's \(7,\)"),
-        (lambda f, t: warpopt.Warp(t, 1 - t, t, np.array(True)), "got eta = 0 from it at theta = 0 degrees"),
+        (
+            lambda f, t: warpopt.Warp.from_eta(np.full(3, 0.1), warpopt.theory.Extent(0.0, 1.0)),
+            r"shape \(3,\) from it, expected theta's \(7,\)",
+        ),
+        (lambda f, t: warpopt.Warp(t, 1 - t, t, t, np.array(True)), "got eta = 0 from it at theta = 0 degrees"),
     ],
 )
 def test_bad_rules_are_refused_in_words(rules, words):
     with pytest.raises(ValueError, match=words):
-        warpopt.compare_rules(FRUSTUM, THETA, rules)
+        warpopt.compare_rules(VIEW, rules)
 
 
 @pytest.mark.parametrize("theta", [[], [0.5, 0.2], [0.2, 0.2], 0.3, [[0.1, 0.2]], [-0.1, 0.2]])
 def test_bad_directions_are_refused(theta):
     with pytest.raises(ValueError, match="theta: got"):
-        warpopt.compare_rules(FRUSTUM, theta, "ssm")
+        warpopt.compare_rules(warpopt.FrustumView(FRUSTUM, theta), "ssm")
 
 
 def test_regions_of_a_known_function():
@@ -342,29 +351,29 @@ def test_the_table_and_the_record_say_what_the_library_says(written, comparison)
     for i, name in enumerate(comparison.names):
         ratios = [float(r["over_optimum"] or "nan") for r in mine if r["rule"] == name]
         np.testing.assert_array_equal(ratios, comparison.ratio[i])
-    assert all(r["over_limit"] == r["limit"] == "" for r in rows if r["metric"] == "pxq")  # no limit is known
+    assert all(r["over_bound"] == r["limit"] == "" for r in rows if r["metric"] == "pxq")  # no limit is known
     told = strict(out / "compare.json")["objectives"]
     assert [o["metric"] for o in told] == ["p", "pxq"]
     assert told[0]["ranking"] == comparison.ranking()
-    assert told[0]["limit"] == comparison.limit.tolist()
+    assert told[0]["limit"] == comparison.bound.tolist()
     assert told[1]["limit"] is None
     assert [o["no_limit_because"] for o in told] == [None, "No limit is known for a product of E_p and E_q."]
     lispsm = told[0]["rules"]["lispsm"]
     assert lispsm["regions_deg"]["worse"] == [list(np.rad2deg(comparison.regions["worse"]["lispsm"][0]))]
     assert lispsm["mean_over_optimum"] == comparison.mean("lispsm")
     assert told[0]["rules"]["psm"]["over_optimum"][0] is None
-    peak, psm = lispsm["worst_over_limit"], told[0]["rules"]["psm"]["worst_over_optimum"]
+    peak, psm = lispsm["worst_over_bound"], told[0]["rules"]["psm"]["worst_over_optimum"]
     assert (peak["ratio"], math.radians(peak["theta_deg"])) == pytest.approx(comparison.worst("lispsm", "limit")[:2])
     assert (psm["ratio"], psm["unbounded"], psm["theta_deg"]) == (None, True, pytest.approx(30.0, rel=1e-9))
-    assert told[1]["rules"]["lispsm"]["worst_over_limit"] is None
+    assert told[1]["rules"]["lispsm"]["worst_over_bound"] is None
     with (out / "ranking.csv").open() as file:
         ranked = [row for row in csv.DictReader(file) if row["metric"] == "p"]
     assert [row["rule"] for row in ranked] == comparison.order()
     assert [row["place"] for row in ranked] == [str(k) for k in range(1, 15)] + [""] * 4
     for row in ranked:
         worst = comparison.worst(row["rule"], "limit")
-        assert float(row["worst_over_limit"]) == worst.ratio
-        assert float(row["at_theta_deg_over_limit"]) == np.rad2deg(worst.theta)
+        assert float(row["worst_over_bound"]) == worst.ratio
+        assert float(row["at_theta_deg_over_bound"]) == np.rad2deg(worst.theta)
 
 
 def test_the_report_ranks_in_words(written, comparison):

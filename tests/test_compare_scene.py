@@ -2,7 +2,6 @@
 
 import csv
 import math
-import types
 from pathlib import Path
 
 import jax
@@ -13,21 +12,22 @@ from scene_cases import BOX, strict, toml
 
 import warpopt
 from warpopt.app import cli
-from warpopt.compare import scene_comparison
+from warpopt.compare import over_scene
 from warpopt.compare.rule_set import KNOWN
 from warpopt.rules import Body
 
 EPS = np.finfo(float).eps
 PHI = math.radians(30.0)
 CAMERA = warpopt.Camera((0, 2, 0), (0, -0.1, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=0.45, aspect=1.6)
-BODY = warpopt.ConvexBody.box((-20, 0, -80), (20, 8, -5))
+BODY = warpopt.receivers.ConvexBody.box((-20, 0, -80), (20, 8, -5))
 LIGHTS = np.array([[0.3, -1.0, -0.2], [0.5, -1.0, 0.8], [0.1, -0.2, -1.0]])
 
 
 def tenth(frustum, theta):
-    return warpopt.Warp.from_eta(np.full(theta.shape, 0.1), 1.0)
+    return warpopt.Warp.from_eta(np.full(theta.shape, 0.1), warpopt.FrustumView(frustum, theta))
 
 
+E_PXQ = warpopt.Objective("pxq")
 RULES = ["lispsm_paper", "psm", "tsm_alternative", tenth]  # one list and one kind of receivers: compiled once
 
 
@@ -37,7 +37,7 @@ def lights_of(directions):
 
 @pytest.fixture(scope="module")
 def boxed():
-    return warpopt.compare_scene_rules(CAMERA, lights_of(LIGHTS), BODY, RULES, "pxq")
+    return warpopt.compare_rules(warpopt.SceneView(CAMERA, lights_of(LIGHTS), BODY), RULES, E_PXQ)
 
 
 def test_over_the_whole_frustum_it_is_the_frustum_s_comparison():
@@ -48,9 +48,9 @@ def test_over_the_whole_frustum_it_is_the_frustum_s_comparison():
     camera = warpopt.Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=PHI)
     theta = np.deg2rad([12.0, 35.0, 90.0])
     directions = np.stack([0 * theta, -np.sin(theta), -np.cos(theta)], -1)
-    everything = warpopt.ConvexBody.box((-500, -500, -500), (500, 500, 500))
-    scene = warpopt.compare_scene_rules(camera, lights_of(directions), everything, RULES, "pxq")
-    plain = warpopt.compare_rules(warpopt.ViewFrustum(1.0, 100.0, PHI), theta, RULES, "pxq")
+    everything = warpopt.receivers.ConvexBody.box((-500, -500, -500), (500, 500, 500))
+    scene = warpopt.compare_rules(warpopt.SceneView(camera, lights_of(directions), everything), RULES, E_PXQ)
+    plain = warpopt.compare_rules(warpopt.FrustumView(warpopt.ViewFrustum(1.0, 100.0, PHI), theta), RULES, E_PXQ)
     assert scene.names == plain.names
     np.testing.assert_array_equal(scene.defined, plain.defined)
     np.testing.assert_allclose(scene.eta, plain.eta, rtol=1e4 * EPS)
@@ -83,34 +83,36 @@ def test_norms_are_the_largest_error_over_the_receivers(boxed, vertices):
     np.testing.assert_allclose(boxed.unwarped, boxed.solution.unwarped, rtol=10 * EPS)
     assert (np.nan_to_num(boxed.ratio, nan=1) >= 1 - 100 * EPS).all()
     assert (boxed.ratio > 1.01).any()
-    assert boxed.limit is None
-    assert boxed.no_limit_because == "No limit is known for a product of E_p and E_q."
+    assert boxed.bound is None
+    assert boxed.no_bound_because == "No lower bound is known for a product of E_p and E_q."
 
 
-def test_limits_are_those_that_are_known():
+def test_bounds_are_those_that_are_known():
     """Each light's own; of the maximum of E_p and E_q the larger; where there is none, the reason in words."""
-    problem = CAMERA, lights_of(LIGHTS[:2]), BODY
-    lights = [warpopt.DirectionalLight(direction) for direction in LIGHTS[:2]]
-    each = {metric: [warpopt.scene_limit(CAMERA, light, BODY, metric) for light in lights] for metric in ("p", "q")}
+    both = warpopt.SceneView(CAMERA, lights_of(LIGHTS[:2]), BODY)
+    views = [warpopt.SceneView(CAMERA, warpopt.DirectionalLight(direction), BODY) for direction in LIGHTS[:2]]
+    each = {m: [warpopt.lower_bound(view, warpopt.Objective(m)) for view in views] for m in ("p", "q")}
     for metric, expected in (*each.items(), ("max", np.maximum(each["p"], each["q"]))):
-        found, reason = scene_comparison._limits(*problem, metric, "inf", None, None)
+        found, reason = over_scene._bounds(both, warpopt.Objective(metric))
         np.testing.assert_allclose(found, expected, rtol=10 * EPS)
         assert reason is None
     for metric, norm, words in (("pxq", "inf", "a product of E_p and E_q"), ("q", "l2", "E_q in L_2")):
-        assert scene_comparison._limits(*problem, metric, norm, None, None) == (None, f"No limit is known for {words}.")
+        found = over_scene._bounds(both, warpopt.Objective(metric, norm))
+        assert found == (None, f"No lower bound is known for {words}.")
 
 
-def test_scene_error_norm_is_least_at_the_optimum(boxed, vertices):
+def test_the_error_norm_is_least_at_the_optimum(boxed, vertices):
     light, best = warpopt.DirectionalLight(LIGHTS[0]), of_light(boxed.solution, 0)
     eta = np.array([0.5, 1.0, 2.0]) * float(best.warp.eta)
-    values = warpopt.scene_error_norm(CAMERA, light, BODY, eta, "pxq")
+    view = warpopt.SceneView(CAMERA, light, BODY)
+    values = warpopt.error_norm(view, warpopt.Warp.from_eta(eta, view.footprint(E_PXQ)), E_PXQ)
     np.testing.assert_allclose(values, largest(best, vertices, eta), rtol=100 * EPS)
     assert values[1] == pytest.approx(float(best.value), rel=10 * EPS)
     assert values[0] > values[1] < values[2]
-    with pytest.raises(ValueError, match=r"eta: got 0.0, expected numbers in \(0, 1\]"):
-        warpopt.scene_error_norm(CAMERA, light, BODY, 0.0)
-    with pytest.raises(ValueError, match="receivers: got int"):
-        warpopt.scene_error_norm(CAMERA, light, 3, 0.5)
+    with pytest.raises(ValueError, match=r"eta: got 0.0, expected a number in \(0, 1\]"):
+        warpopt.Warp.from_eta(0.0, view.footprint())
+    with pytest.raises(ValueError, match="receivers: got 3, expected a Receivers"):
+        warpopt.SceneView(CAMERA, light, 3)
 
 
 def test_rules_are_applied_to_the_receivers_and_a_users_keeps_its_apex(boxed, vertices):
@@ -138,8 +140,8 @@ def test_rules_are_applied_to_the_receivers_and_a_users_keeps_its_apex(boxed, ve
 
 def test_a_body_that_is_the_frustum_gives_the_frustum_s_warps():
     frustum, theta = warpopt.ViewFrustum(1.0, 100.0, PHI), np.deg2rad(np.array([35.0, 120.0]))
-    space = warpopt.LightSpace(frustum, jnp.asarray(theta))
-    whole = Body(frustum.near, frustum.far, frustum.half_fov, space.minimum_depth, space.mu, frustum.near, frustum.far)
+    space = warpopt.theory.LightSpace(frustum, jnp.asarray(theta))
+    whole = Body(frustum.near, frustum.far, frustum.half_fov, space.start, space.mu, frustum.near, frustum.far)
     every = [rule for name, rule in KNOWN.items() if name != "tsm_alternative"]  # which is of the frustum alone
     pairs = jax.jit(lambda: [[rule(body, theta) for body in (whole, frustum)] for rule in every])()
     for got, expected in pairs:
@@ -150,28 +152,32 @@ def test_a_body_that_is_the_frustum_gives_the_frustum_s_warps():
 @pytest.mark.parametrize(
     ("receivers", "near", "far"),
     [
-        (None, 1.0, 100.0),
-        (warpopt.DepthBuffer(np.array([[7.0, 0.0], [30.0, 200.0]])), 7.0, 30.0),  # 0 and beyond far: background
-        (warpopt.DepthHistogram((0.5, 2.0, 9.0, 40.0), (0.0, 3.0, 1.0)), 2.0, 40.0),
-        (warpopt.PointReceivers([[0, 2, -7.0], [0, 2, -30.0], [0, 2, 5.0]]), 7.0, 30.0),  # the last is behind
+        (warpopt.receivers.WholeFrustum(), 1.0, 100.0),
+        (
+            warpopt.receivers.DepthBuffer(np.array([[7.0, 0.0], [30.0, 200.0]])),
+            7.0,
+            30.0,
+        ),  # 0 and beyond far: background
+        (warpopt.receivers.DepthHistogram((0.5, 2.0, 9.0, 40.0), (0.0, 3.0, 1.0)), 2.0, 40.0),
+        (warpopt.receivers.PointReceivers([[0, 2, -7.0], [0, 2, -30.0], [0, 2, 5.0]]), 7.0, 30.0),  # the last is behind
     ],
 )
 def test_rules_are_told_the_nearest_and_farthest_depth_that_is_seen(receivers, near, far):
     ahead = warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=0.45)
-    extent = types.SimpleNamespace(start=3.0, mu=20.0)
-    body = scene_comparison._body(ahead, receivers, extent, warpopt.ViewFrustum(1.0, 100.0, 0.45))
+    footprint = warpopt.theory.Extent(start=3.0, mu=20.0)
+    body = over_scene._body(ahead, receivers.depth_extent(ahead), footprint, jnp.asarray(0.45))
     assert (float(body.near), float(body.far)) == (pytest.approx(near, rel=4 * EPS), pytest.approx(far, rel=4 * EPS))
     assert (body.start, body.mu, float(body.half_fov)) == (3.0, 20.0, 0.45)
     assert (float(body.camera_near), float(body.camera_far)) == (1.0, 100.0)
 
 
 def test_an_empty_scene_and_bad_lights():
-    away = warpopt.ConvexBody.box((-1, -1, 10), (1, 1, 20))  # behind the camera
-    result = warpopt.compare_scene_rules(CAMERA, lights_of(LIGHTS), away, RULES, "pxq")
+    away = warpopt.receivers.ConvexBody.box((-1, -1, 10), (1, 1, 20))  # behind the camera
+    result = warpopt.compare_rules(warpopt.SceneView(CAMERA, lights_of(LIGHTS), away), RULES, E_PXQ)
     assert np.isnan(result.ratio).all()
     assert result.worst("lispsm_paper").index == -1
-    with pytest.raises(ValueError, match="lights: got"):
-        warpopt.compare_scene_rules(CAMERA, warpopt.DirectionalLight((0, -1, 0)), BODY)
+    with pytest.raises(ValueError, match=r"light: got direction of shape \(3,\), expected \(T, 3\)"):
+        warpopt.compare_rules(warpopt.SceneView(CAMERA, warpopt.DirectionalLight((0, -1, 0)), BODY))
 
 
 def test_the_command_over_a_box(tmp_path, monkeypatch, boxed):
@@ -179,7 +185,7 @@ def test_the_command_over_a_box(tmp_path, monkeypatch, boxed):
     monkeypatch.chdir(tmp_path)
     Path("own_rules_of_a_scene.py").write_text(
         "import numpy, warpopt\ndef tenth(frustum, theta):\n"
-        "    return warpopt.Warp.from_eta(numpy.full(theta.shape, 0.1), 1.0)\n"
+        "    return warpopt.Warp.from_eta(numpy.full(theta.shape, 0.1), warpopt.FrustumView(frustum, theta))\n"
     )
     rules = (
         "[rules]\nnames = ['lispsm_paper', 'psm', 'tsm_alternative']\nown = { tenth = 'own_rules_of_a_scene:tenth' }\n"

@@ -4,10 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from warpopt.theory.error_norm import ErrorNorm
 
 import warpopt
-from warpopt.receivers import depth_buffer
+from warpopt.receivers import DepthBuffer, depth_buffer
 
 LIGHT = warpopt.DirectionalLight((0.3, -1, -0.4))
 SHAPES = ((21, 83), (40, 53))  # of this file alone: compiled with few cells
@@ -38,22 +37,20 @@ def scene(shape: tuple[int, int], kind: str) -> np.ndarray:
 
 
 def eye_points(camera: warpopt.Camera, z: np.ndarray) -> np.ndarray:
-    points, seen = depth_buffer.eye_points(warpopt.DepthBuffer(z), camera)
+    points, seen = depth_buffer.eye_points(DepthBuffer(z), camera)
     return np.asarray(points)[np.asarray(seen)]
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_cells_bound_every_pixel(dtype):
     """Depth exactly; width and depth along the light from outside."""
-    footprint_of = jax.jit(
-        lambda z, camera, frame: warpopt.DepthBuffer(z).footprint(camera, frame, ErrorNorm.of("pxq", "inf", "screen"))
-    )
+    footprint_of = jax.jit(lambda z, camera, frame: DepthBuffer(z).footprint(camera, frame, warpopt.Objective("pxq")))
     shape = SHAPES[0]
     for kind in ("ground", "posts", "noise"):
         camera = camera_of(dtype)
         z = scene(shape, kind).astype(dtype)
         light = warpopt.DirectionalLight(np.array([0.3, -1, -0.4], dtype))
-        frame = warpopt.LightFrame(camera, light)
+        frame = warpopt.theory.LightFrame(camera, light)
         footprint = footprint_of(z, camera, frame)
         points = eye_points(camera, z)
         d, x, h = (np.asarray(f(points)) for f in (frame.depth, frame.lateral, frame.along_light))
@@ -79,7 +76,8 @@ def test_cells_bound_every_pixel(dtype):
 def test_what_cells_lose_is_bounded_and_small(metric, norm, kind):
     """Brute force over all pixels and 4,000 warps. Posts before the ground share cells with it; noise shares all."""
     camera, z = camera_of(), scene(SHAPES[0], kind)
-    solution = warpopt.scene_warp(camera, LIGHT, warpopt.DepthBuffer(z), metric, norm)
+    view = warpopt.SceneView(camera, LIGHT, DepthBuffer(z))
+    solution = warpopt.optimal_warp(view, warpopt.Objective(metric, norm))
     points = eye_points(camera, z)
     e_p, e_q = [], []
     etas = np.append(np.geomspace(1e-4, 1, 4000), float(solution.warp.eta))
@@ -110,8 +108,9 @@ def test_gradients_of_split_cells_and_deep_sky_are_finite():
 
     def value(depth, camera):
         light = warpopt.DirectionalLight(jnp.array([0.3, -1, -0.4], jnp.float32))
-        buffer = warpopt.DepthBuffer(depth, "standard")
-        return warpopt.scene_warp(camera, light, buffer, "p", "l2", throw=False).value
+        buffer = DepthBuffer(depth, "standard")
+        view = warpopt.SceneView(camera, light, buffer)
+        return warpopt.optimal_warp(view, warpopt.Objective("p", "l2"), throw=False).value
 
     by_depth, by_camera = jax.grad(value, (0, 1))(jnp.asarray(standard), deep)
     assert np.isfinite(by_depth).all()

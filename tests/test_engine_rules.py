@@ -13,6 +13,7 @@ from twin import mp, mpf
 
 import warpopt
 from warpopt import rules
+from warpopt.solve.optimal_warp import optimum_and_norms
 
 EPS = np.finfo(np.float64).eps
 FRUSTUM, THETA = scenes.batch()
@@ -200,7 +201,7 @@ def test_no_rule_beats_the_optimum_and_units_do_not_matter(warps):
     """The optimum of E_p and E_pxq is never worse; lengths times 7.5 leave eta alone (Filament's hints with them)."""
     stacked = jax.tree.map(lambda *fields: jnp.stack(fields), *warps.values())
     for metric in ("p", "pxq"):
-        best, values = warpopt.compare_warps(FRUSTUM, THETA, stacked, metric)
+        best, values = optimum_and_norms(warpopt.FrustumView(FRUSTUM, THETA), stacked.eta, warpopt.Objective(metric))
         assert bool((values / best.value >= 1 - 1e-13).all())
     scaled = every_engine(warpopt.ViewFrustum(7.5 * FRUSTUM.near, 7.5 * FRUSTUM.far, FRUSTUM.half_fov), THETA, 7.5)
     for name in rules.ENGINES:  # 7.5 n rounds, and osg's lambda is a difference
@@ -258,11 +259,12 @@ def test_filaments_second_distance_minimises_the_product_at_its_near_hint():
     hint = 55.0
     lam = float(rules.filament(PAPER, np.pi / 2, near_hint=hint).lam)
     assert lam == pytest.approx(54 / (2 - 3 * 54 / 99), rel=1e-12)
-    around = warpopt.Warp.from_lam(lam * np.array([0.99, 1.0, 1.01]), 99.0)
-    values = warpopt.aliasing_error(PAPER, np.pi / 2, around, 0.0, hint, "pxq")
+    view = warpopt.FrustumView(PAPER, np.pi / 2)
+    around = warpopt.Warp.from_lam(lam * np.array([0.99, 1.0, 1.01]), view)
+    values = warpopt.theory.aliasing_error(PAPER, np.pi / 2, around, 0.0, hint, "pxq")
     assert float(values[1]) < float(min(values[0], values[2]))
     # E_p alone would be stationary at h / (1 - 2 h / (f - n)), and never where 2 h >= f - n: it only falls here
-    values = warpopt.aliasing_error(PAPER, np.pi / 2, around, 0.0, hint, "p")
+    values = warpopt.theory.aliasing_error(PAPER, np.pi / 2, around, 0.0, hint, "p")
     assert float(values[0]) > float(values[1]) > float(values[2])
     nearer = rules.filament(PAPER, np.pi / 2, near_hint=40.0)
     assert float(nearer.lam) == pytest.approx(1 + np.sqrt(40 * 100), rel=1e-12)

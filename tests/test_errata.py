@@ -37,8 +37,10 @@ def test_item_1_f_p_above_phi_needs_the_cube_of_sine():
             assert abs(printed * s.sin / exact - 1) < mpf(10) ** -40
         assert abs(printed * s.sin / exact - 1) < mpf(10) ** -12
         assert printed / exact > 1.0001
-        warp = warpopt.Warp.from_lam(7.0, float(s.mu))
-        assert float(warpopt.aliasing_error(FRUSTUM, theta, warp, 1.0, 30.0)) == pytest.approx(float(exact), rel=1e-13)
+        warp = warpopt.Warp.from_lam(7.0, warpopt.FrustumView(FRUSTUM, theta))
+        assert float(warpopt.theory.aliasing_error(FRUSTUM, theta, warp, 1.0, 30.0)) == pytest.approx(
+            float(exact), rel=1e-13
+        )
 
 
 def test_item_2_f_p_below_phi_needs_a_cosine_and_no_second_tangent():
@@ -53,8 +55,10 @@ def test_item_2_f_p_below_phi_needs_a_cosine_and_no_second_tangent():
     assert abs(right / exact - 1) < mpf(10) ** -40
     assert abs(printed / exact - 1 / (s.tan_phi * s.cos)) < mpf(10) ** -40
     assert printed / exact > 1.8
-    warp = warpopt.Warp.from_lam(7.0, float(s.mu))
-    assert float(warpopt.aliasing_error(FRUSTUM, theta, warp, 1.0, 30.0)) == pytest.approx(float(exact), rel=1e-13)
+    warp = warpopt.Warp.from_lam(7.0, warpopt.FrustumView(FRUSTUM, theta))
+    assert float(warpopt.theory.aliasing_error(FRUSTUM, theta, warp, 1.0, 30.0)) == pytest.approx(
+        float(exact), rel=1e-13
+    )
 
 
 def test_item_3_the_two_widths_printed_contradict_each_other():
@@ -90,9 +94,9 @@ def test_item_4_below_n_a_neither_width_contains_the_near_corners():
         for printed in (s.far * s.tan_phi / (s.mu + lam), s.far * s.tan_phi / (lam + (s.far - s.near) * a)):
             assert printed < s.tan_phi_w(lam) * mpf("0.9")
         # the package's map holds every corner there
-        warp = warpopt.Warp.from_lam(float(lam), float(s.mu))
+        warp = warpopt.Warp.from_lam(float(lam), warpopt.FrustumView(FRUSTUM, theta))
         x, y, z = (np.array([float(c[k]) for c in s.corners]) for k in range(3))
-        t, _ = warpopt.texture_coordinates(FRUSTUM, theta, warp, x, y, z)
+        t, _ = warpopt.theory.texture_coordinates(FRUSTUM, theta, warp, x, y, z)
         assert float(t.min()) == pytest.approx(0, abs=1e-12)
         assert float(t.max()) == pytest.approx(1, abs=1e-12)
         # apex at the eye: z_w of the point (0, 0, 0) is zero
@@ -172,10 +176,10 @@ def test_item_9_minimum_is_on_the_upper_plane_but_not_at_the_far_corner():
         theta = degrees * DEGREE
         s = scene_at(theta)
         a = s.sin - s.tan_phi * s.cos
-        warp = warpopt.Warp.from_lam(lam, float(s.mu))
+        warp = warpopt.Warp.from_lam(lam, warpopt.FrustumView(FRUSTUM, theta))
         u, z = np.linspace(0, 1, 21)[:, None], np.linspace(NEAR, FAR, 4951)  # steps of 0.02
         for metric, factor in (("p", 1), ("pxq", 2)):
-            grid = np.asarray(warpopt.aliasing_error_uz(FRUSTUM, theta, warp, u, z, metric))
+            grid = np.asarray(warpopt.theory.aliasing_error_uz(FRUSTUM, theta, warp, u, z, metric))
             row, column = np.unravel_index(grid.argmin(), grid.shape)
             expected = min(max(float(factor * (lam - s.d0) / a), NEAR), FAR)
             assert row == 0
@@ -194,8 +198,10 @@ def test_item_10_warping_pays_at_theta_equal_phi_and_far_below():
     """
     for metric, ratio, zone in (("p", 9.09, 0.334), ("pxq", 13.5, 11.3)):
         theta = np.array([PHI, zone * 0.998 * DEGREE, zone * 1.006 * DEGREE])
-        best = warpopt.optimal_warp(FRUSTUM, theta, metric)
-        ssm = warpopt.error_norm(FRUSTUM, theta, warpopt.rules.ssm(FRUSTUM, theta), metric)
+        best = warpopt.optimal_warp(warpopt.FrustumView(FRUSTUM, theta), warpopt.Objective(metric))
+        ssm = warpopt.error_norm(
+            warpopt.FrustumView(FRUSTUM, theta), warpopt.rules.ssm(FRUSTUM, theta), warpopt.Objective(metric)
+        )
         assert float(ssm[0] / best.value[0]) == pytest.approx(ratio, rel=4e-3)
         assert best.warp.no_warp.tolist() == [False, True, False]
         # (the ratios to the three figures given) and by the oracle's search, without the package

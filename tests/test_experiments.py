@@ -20,20 +20,26 @@ EXPERIMENTS = Path(__file__).parents[1] / "experiments"
 
 
 @pytest.fixture
-def main(monkeypatch):
-    """Run a script's `main` in this process: the slices share what is imported and compiled."""
+def script(monkeypatch):
+    """A script as a module: the slices share what is imported and compiled."""
     monkeypatch.setattr(sys, "path", [str(EXPERIMENTS), *sys.path])
+    return importlib.import_module
+
+
+@pytest.fixture
+def main(script):
+    """Run a script's `main` in this process."""
 
     def run(name: str, *arguments: str) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("default")  # a script's, as on the command line
-            assert not importlib.import_module(name).main(list(arguments))
+            assert not script(name).main(list(arguments))
 
     return run
 
 
 def test_stability_meets_every_target_on_a_slice(tmp_path, main):
-    arguments = ["--draws", "1500", "--references", "9", "--points", "60", "--combinations", "1", "--processes", "1"]
+    arguments = ["--draws", "1500", "--references", "9", "--points", "60", "--objectives", "1", "--processes", "1"]
     main("stability", *arguments, "--directory", str(tmp_path))
     summary = json.loads((tmp_path / "stability.json").read_text())
     assert summary["defects"] == []
@@ -110,15 +116,11 @@ def test_look_ups_are_timed_beside_lispsm(tmp_path):
 
 
 @pytest.mark.parametrize(("metric", "order"), [("p", 2.0), ("pxq", 1.0), ("q", math.inf)])
-def test_the_experiments_reference_agrees_with_raw_geometry(metric, order):
+def test_the_experiments_reference_agrees_with_raw_geometry(script, metric, order):
     """reference.py shares the derivation with the package; the twin shares nothing. To 30 digits of 50."""
-    sys.path.insert(0, str(EXPERIMENTS))
-    try:
-        from reference import Problem
-    finally:
-        sys.path.pop(0)
     alpha, beta = {"p": (1, 0), "q": (0, 1), "pxq": (1, 1)}[metric]
-    problem, scene = Problem(1.0, 40.0, 0.6, 1.1, metric, order, "screen"), twin.Scene(1.0, 40.0, 0.6, 1.1)
+    view = (1.0, 40.0, 0.6, 1.1)
+    problem, scene = script("reference").Problem(*view, metric, order, "screen"), twin.Scene(*view)
     for eta in (mp.mpf("0.02"), mp.mpf("0.3")):
         lam = scene.lam(eta)
         if math.isinf(order):
@@ -128,14 +130,10 @@ def test_the_experiments_reference_agrees_with_raw_geometry(metric, order):
         assert abs(problem.norm(eta) / exact - 1) < mp.mpf(10) ** -30
 
 
-def test_objective_pictures_show_what_was_minimised(tmp_path):
+def test_objective_pictures_show_what_was_minimised(tmp_path, script):
     """Each warp is the best by its own error at worst; docs/objectives.md says what the maps show."""
-    sys.path.insert(0, str(EXPERIMENTS))
-    try:
-        import objective_pictures as script
-    finally:
-        sys.path.pop(0)
-    view = script.View(short=False)
+    pictures = script("objective_pictures")
+    view = pictures.View(short=False)
     choices = [view.choice("none", warped=False), view.choice("p", "p"), view.choice("q", "q")]
     for metric, best in (("p", 1), ("q", 2)):
         worst = [choice.worst(metric) for choice in choices]
@@ -147,18 +145,14 @@ def test_objective_pictures_show_what_was_minimised(tmp_path):
     assert f"the worst pixel as good as can be ({p.worst('p'):.2g})" in page
     assert f"the ridge ruined: {q.worst('p'):.2g} pixels per texel" in page
     assert f"nearer than {view.seen.depth.min() // 1:.0f} near planes" in page  # near is 1
-    script.picture(choices, ("p",), curves=True).savefig(tmp_path / "picture.png")
+    pictures.picture(choices, ("p",), curves=True).savefig(tmp_path / "picture.png")
     assert (tmp_path / "picture.png").stat().st_size > 10_000
 
 
-def test_gallery_pictures_keep_their_pixels(tmp_path):
+def test_gallery_pictures_keep_their_pixels(tmp_path, script):
     from PIL import Image
 
-    sys.path.insert(0, str(EXPERIMENTS))
-    try:
-        import gallery
-    finally:
-        sys.path.pop(0)
+    gallery = script("gallery")
     with pytest.raises(SystemExit):
         gallery.main(["--runs", str(tmp_path), "--directory", str(tmp_path)])
     drawing = np.zeros((20, 30, 3), np.uint8)

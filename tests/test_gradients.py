@@ -52,7 +52,11 @@ def solve(points, metric, norm):
     near, far, half_fov, theta = points
     # the axis for the real order: one dimension of quadrature is enough to differentiate through its root
     measure = "axis" if norm == 1.7 else "screen"
-    return warpopt.optimal_warp(warpopt.ViewFrustum(near, far, half_fov), theta, metric, norm, measure, throw=False)
+    return warpopt.optimal_warp(
+        warpopt.FrustumView(warpopt.ViewFrustum(near, far, half_fov), theta),
+        warpopt.Objective(metric, norm, measure),
+        throw=False,
+    )
 
 
 @functools.lru_cache
@@ -140,7 +144,9 @@ def test_second_derivative_through_the_implicit_one():
 
     def log_eta(log_far):
         frustum = warpopt.ViewFrustum(point[0], jnp.exp(log_far), point[2])
-        solution = warpopt.optimal_warp(frustum, point[3], "p", "inf", method="iterative", throw=False)
+        solution = warpopt.optimal_warp(
+            warpopt.FrustumView(frustum, point[3]), warpopt.Objective("p", "inf"), method="iterative", throw=False
+        )
         return jnp.log(solution.warp.eta)
 
     @jax.jit
@@ -198,8 +204,8 @@ def check_envelope(metric, norm):
 
     def fixed(points):
         near, far, half_fov, theta = points
-        warp = warpopt.Warp.from_eta(eta, 1.0)
-        return warpopt.error_norm(warpopt.ViewFrustum(near, far, half_fov), theta, warp, metric, norm).sum()
+        view = warpopt.FrustumView(warpopt.ViewFrustum(near, far, half_fov), theta)
+        return warpopt.error_norm(view, warpopt.Warp.from_eta(eta, view), warpopt.Objective(metric, norm)).sum()
 
     partial = np.asarray(jax.grad(fixed)(POINTS))
     smooth = outcomes == Outcome.stationary

@@ -35,29 +35,33 @@ def every_rule(frustum, theta):
 
 
 @pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
-@given(view=views())
+@given(drawn=views())
 @law
-def test_no_rule_beats_the_optimum(metric, norm, view):
+def test_no_rule_beats_the_optimum(metric, norm, drawn):
     """value(rule) / value(optimum) >= 1 - 1e-13, for every rule at once."""
-    near, ratio, half_fov, theta = view
+    near, ratio, half_fov, theta = drawn
+    objective = warpopt.Objective(metric, norm)
     frustum = warpopt.ViewFrustum(near, near * ratio, half_fov)
-    best = warpopt.optimal_warp(frustum, theta, metric, norm)
-    values = warpopt.error_norm(frustum, theta, every_rule(frustum, theta), metric, norm)
+    view = warpopt.FrustumView(frustum, theta)
+    best = warpopt.optimal_warp(view, objective)
+    values = warpopt.error_norm(view, every_rule(frustum, theta), objective)
     assert bool((values / best.value >= 1 - 1e-13).all())
 
 
 @pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
-@given(view=views())
+@given(drawn=views())
 @law
-def test_the_norm_falls_then_rises(metric, norm, view):
+def test_the_norm_falls_then_rises(metric, norm, drawn):
     """Pseudo-convexity: along log(eta) no value is a strict interior maximum, and the optimum sits at the bottom."""
-    near, ratio, half_fov, theta = view
+    near, ratio, half_fov, theta = drawn
+    objective = warpopt.Objective(metric, norm)
     frustum = warpopt.ViewFrustum(near, near * ratio, half_fov)
-    best = warpopt.optimal_warp(frustum, theta, metric, norm)
+    view = warpopt.FrustumView(frustum, theta)
+    best = warpopt.optimal_warp(view, objective)
     eta = np.exp(np.linspace(np.log(1e-7), 0, 7))[:, None] * np.ones(BATCH)
-    values = np.asarray(warpopt.error_norm(frustum, theta, warpopt.Warp.from_eta(eta, 1.0), metric, norm))
-    beside = warpopt.Warp.from_eta(np.minimum(best.warp.eta * np.exp(np.linspace(-0.3, 0.3, 7))[:, None], 1), 1.0)
-    around = np.asarray(warpopt.error_norm(frustum, theta, beside, metric, norm))
+    values = np.asarray(warpopt.error_norm(view, warpopt.Warp.from_eta(eta, view), objective))
+    beside = warpopt.Warp.from_eta(np.minimum(best.warp.eta * np.exp(np.linspace(-0.3, 0.3, 7))[:, None], 1), view)
+    around = np.asarray(warpopt.error_norm(view, beside, objective))
     assert (around >= np.asarray(best.value) * (1 - 1e-13)).all()
     inner, before, after = values[1:-1], values[:-2], values[2:]
     assert (inner <= np.maximum(before, after) * (1 + 1e-13)).all()
@@ -71,44 +75,54 @@ def test_the_norm_falls_then_rises(metric, norm, view):
 
 
 @pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
-@given(view=views(), scale=st.floats(1e-3, 1e3))
+@given(drawn=views(), scale=st.floats(1e-3, 1e3))
 @law
-def test_scaling_lengths_leaves_eta_alone(metric, norm, view, scale):
+def test_scaling_lengths_leaves_eta_alone(metric, norm, drawn, scale):
     """eta and the value do not depend on units. f/n is rounded anew: 1e4 is room for its condition."""
-    near, ratio, half_fov, theta = view
+    near, ratio, half_fov, theta = drawn
+    objective = warpopt.Objective(metric, norm)
     far = near * ratio
-    one = warpopt.optimal_warp(warpopt.ViewFrustum(near, far, half_fov), theta, metric, norm)
+
+    def solve(unit):
+        frustum = warpopt.ViewFrustum(unit * near, unit * far, half_fov)
+        return warpopt.optimal_warp(warpopt.FrustumView(frustum, theta), objective)
+
+    one = solve(1.0)
     power = 2.0 ** np.round(np.log2(scale))  # exact in binary: then nothing at all may change
-    same = warpopt.optimal_warp(warpopt.ViewFrustum(power * near, power * far, half_fov), theta, metric, norm)
+    same = solve(power)
     np.testing.assert_array_equal(same.warp.eta, one.warp.eta)
     np.testing.assert_array_equal(same.value, one.value)
-    other = warpopt.optimal_warp(warpopt.ViewFrustum(scale * near, scale * far, half_fov), theta, metric, norm)
+    other = solve(scale)
     np.testing.assert_allclose(other.value, one.value, rtol=1e4 * EPS)
 
 
 @pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
-@given(view=views())
+@given(drawn=views())
 @law
-def test_mirrored_light(metric, norm, view):
+def test_mirrored_light(metric, norm, drawn):
     """theta and pi - theta have one value; pi - theta is rounded, which the value feels by 1/sin at most."""
-    near, ratio, half_fov, theta = view
+    near, ratio, half_fov, theta = drawn
+    objective = warpopt.Objective(metric, norm)
     theta = np.clip(theta, 1e-3, np.pi - 1e-3)
     frustum = warpopt.ViewFrustum(near, near * ratio, half_fov)
-    here = warpopt.optimal_warp(frustum, theta, metric, norm)
-    there = warpopt.optimal_warp(frustum, np.pi - theta, metric, norm)
+    view = warpopt.FrustumView(frustum, theta)
+    here = warpopt.optimal_warp(view, objective)
+    there = warpopt.optimal_warp(warpopt.FrustumView(frustum, np.pi - theta), objective)
     np.testing.assert_allclose(there.value, here.value, rtol=1e-10)
 
 
 @pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
-@given(view=views())
+@given(drawn=views())
 @law
-def test_continuity_across_theta_equal_phi(metric, norm, view):
+def test_continuity_across_theta_equal_phi(metric, norm, drawn):
     """At theta = phi (1 +- 1e-9) the values agree to 1e-5; eta too, except for E_q in L-inf and L1, whose eta jumps."""
-    near, ratio, half_fov, _ = view
+    near, ratio, half_fov, _ = drawn
+    objective = warpopt.Objective(metric, norm)
     ratio = np.minimum(ratio, 1e3)  # the slopes on both sides grow with f/n
     half_fov = np.maximum(half_fov, 0.1)
     frustum = warpopt.ViewFrustum(near, near * ratio, half_fov)
-    below, above = (warpopt.optimal_warp(frustum, half_fov * factor, metric, norm) for factor in (1 - 1e-9, 1 + 1e-9))
+    views = (warpopt.FrustumView(frustum, half_fov * factor) for factor in (1 - 1e-9, 1 + 1e-9))
+    below, above = (warpopt.optimal_warp(view, objective) for view in views)
     np.testing.assert_allclose(above.value, below.value, rtol=1e-5)
     if metric != "q":
         np.testing.assert_allclose(above.warp.eta, below.warp.eta, rtol=1e-5)
@@ -119,7 +133,9 @@ def test_e_q_jumps_where_f_a_equals_n_b():
     n, f = 1.0, 100.0
     frustum = warpopt.ViewFrustum(n, f, scenes.PHI)
     jump = np.arctan(np.tan(scenes.PHI) * (f + n) / (f - n))
-    solution = warpopt.optimal_warp(frustum, np.array([jump - 1e-9, jump + 1e-9]), "q", "inf")
+    solution = warpopt.optimal_warp(
+        warpopt.FrustumView(frustum, np.array([jump - 1e-9, jump + 1e-9])), warpopt.Objective("q", "inf")
+    )
     assert float(solution.warp.eta[0]) == 1
     assert float(solution.warp.eta[1]) < 1e-3
     np.testing.assert_allclose(solution.value, 2 * f / n, rtol=1e-5)

@@ -13,6 +13,7 @@ import warpopt
 EPS = np.finfo(np.float64).eps
 EXPONENTS = {"p": (1, 0), "q": (0, 1), "pxq": (1, 1)}
 FRUSTUM, THETA = scenes.batch()
+VIEW = warpopt.FrustumView(FRUSTUM, THETA)
 
 
 def oracle(scene, exponents, norm, measure):
@@ -43,7 +44,9 @@ def check_against_search(solution, exponents, norm, measure, cases=scenes.CASES,
 @pytest.mark.parametrize("norm", ["inf", "l1", "l2"])
 @pytest.mark.parametrize("metric", ["p", "q", "pxq"])
 def test_optimum(metric, norm, measure):
-    check_against_search(warpopt.optimal_warp(FRUSTUM, THETA, metric, norm, measure), EXPONENTS[metric], norm, measure)
+    check_against_search(
+        warpopt.optimal_warp(VIEW, warpopt.Objective(metric, norm, measure)), EXPONENTS[metric], norm, measure
+    )
 
 
 @pytest.mark.parametrize(
@@ -51,7 +54,9 @@ def test_optimum(metric, norm, measure):
     [("p", "l2", "volume"), ("pxq", "l1", "log_depth"), ("q", "l2", "ground"), ("p", "l1", "ground")],
 )
 def test_optimum_in_other_measures(metric, norm, measure):
-    check_against_search(warpopt.optimal_warp(FRUSTUM, THETA, metric, norm, measure), EXPONENTS[metric], norm, measure)
+    check_against_search(
+        warpopt.optimal_warp(VIEW, warpopt.Objective(metric, norm, measure)), EXPONENTS[metric], norm, measure
+    )
 
 
 @pytest.mark.parametrize(
@@ -64,14 +69,14 @@ def test_optimum_in_other_measures(metric, norm, measure):
 def test_optimum_of_real_orders(metric, norm, measure):
     """The quadrature's path. The search is 1e-13 wide here: each of its steps is an integral."""
     cases = [c for c in scenes.CASES if c.tag in ("below phi", "mirrored, near the top")]
-    solution = warpopt.optimal_warp(*scenes.batch(cases), metric, norm, measure)
+    solution = warpopt.optimal_warp(warpopt.FrustumView(*scenes.batch(cases)), warpopt.Objective(metric, norm, measure))
     check_against_search(solution, (metric.alpha, metric.beta), norm, measure, cases, width=1e-13)
 
 
 def test_optimum_of_a_mixed_metric():
     """Exponents that are not whole but whose M is: Metric(0.5, 1), L1, has M = 2 and moments."""
     metric = warpopt.Metric(0.5, 1)
-    check_against_search(warpopt.optimal_warp(FRUSTUM, THETA, metric, "l1"), (0.5, 1), "l1", "screen")
+    check_against_search(warpopt.optimal_warp(VIEW, warpopt.Objective(metric, "l1")), (0.5, 1), "l1", "screen")
 
 
 def test_moments_and_quadrature_agree():
@@ -79,8 +84,8 @@ def test_moments_and_quadrature_agree():
 
     d log(eta) / d order is of order one, so that 1e-8 is the order's own effect, and the value moves as little.
     """
-    by_moments = warpopt.optimal_warp(FRUSTUM, THETA, "q", 2.0)
-    by_quadrature = warpopt.optimal_warp(FRUSTUM, THETA, "q", 2 + 1e-9)
+    by_moments = warpopt.optimal_warp(VIEW, warpopt.Objective("q", 2.0))
+    by_quadrature = warpopt.optimal_warp(VIEW, warpopt.Objective("q", 2 + 1e-9))
     np.testing.assert_allclose(by_quadrature.warp.eta, by_moments.warp.eta, rtol=1e-8)
     np.testing.assert_allclose(by_quadrature.value, by_moments.value, rtol=1e-8)
 
@@ -88,8 +93,8 @@ def test_moments_and_quadrature_agree():
 def test_the_iterative_path_reaches_the_closed_forms():
     """E_p L1 and E_q L2 are closed; the bracketed Newton gives the same to its own tolerance, a few eps."""
     for metric, norm in (("p", "l1"), ("q", "l2")):
-        closed = warpopt.optimal_warp(FRUSTUM, THETA, metric, norm)
-        iterated = warpopt.optimal_warp(FRUSTUM, THETA, metric, norm, method="iterative")
+        closed = warpopt.optimal_warp(VIEW, warpopt.Objective(metric, norm))
+        iterated = warpopt.optimal_warp(VIEW, warpopt.Objective(metric, norm), method="iterative")
         # the residual bounds the error of log(eta), and is itself a rounded difference of two logarithms
         np.testing.assert_array_less(iterated.residual, 1e-13)
         np.testing.assert_allclose(iterated.warp.eta, closed.warp.eta, rtol=1e-12)
@@ -97,8 +102,8 @@ def test_the_iterative_path_reaches_the_closed_forms():
 
 def test_values_are_norms_of_the_optimal_warps():
     for metric, norm in (("p", "inf"), ("pxq", "l2")):
-        solution = warpopt.optimal_warp(FRUSTUM, THETA, metric, norm)
-        recomputed = warpopt.error_norm(FRUSTUM, THETA, solution.warp, metric, norm)
+        solution = warpopt.optimal_warp(VIEW, warpopt.Objective(metric, norm))
+        recomputed = warpopt.error_norm(VIEW, solution.warp, warpopt.Objective(metric, norm))
         np.testing.assert_allclose(recomputed, solution.value, rtol=4 * EPS)
 
 
@@ -107,8 +112,8 @@ def test_norms_of_any_warp_equal_the_twin():
     for metric, norm in (("p", "inf"), ("pxq", "inf"), ("p", "l2"), ("q", "l1")):
         norms = [oracle(scene, EXPONENTS[metric], norm, "screen") for scene in scenes.twins()]
         for eta in (1e-3, 0.2, 0.95):
-            warp = warpopt.Warp.from_eta(np.full(len(norms), eta), 1.0)
-            got = np.asarray(warpopt.error_norm(FRUSTUM, THETA, warp, metric, norm))
+            warp = warpopt.Warp.from_eta(np.full(len(norms), eta), VIEW)
+            got = np.asarray(warpopt.error_norm(VIEW, warp, warpopt.Objective(metric, norm)))
             exact = [f(s.lam(mpf(eta))) for f, s in zip(norms, scenes.twins(), strict=True)]
             np.testing.assert_allclose(got, [float(e) for e in exact], rtol=500 * EPS)
 
@@ -143,9 +148,9 @@ def test_the_maximum_is_at_a_corner():
     s, r = np.meshgrid(np.linspace(-1, 1, 41), np.linspace(0, 1, 41))
     for metric, exponents in EXPONENTS.items():
         for eta in (0.003, 0.1, 0.9):
-            warp = warpopt.Warp.from_eta(eta, 1.0)
+            warp = warpopt.Warp.from_eta(eta, VIEW)
             z = np.asarray(FRUSTUM.near) * (1 - r[..., None]) + np.asarray(FRUSTUM.far) * r[..., None]
             u = (1 + s[..., None]) / 2
-            grid = np.asarray(warpopt.aliasing_error_uz(FRUSTUM, THETA, warp, u, z, metric))
+            grid = np.asarray(warpopt.theory.aliasing_error_uz(FRUSTUM, THETA, warp, u, z, metric))
             corners = [float(t.supremum(*exponents, t.lam(mpf(eta)))) for t in scenes.twins()]
             np.testing.assert_allclose(grid.max((0, 1)), corners, rtol=64 * EPS)

@@ -6,21 +6,22 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
-import warpopt
 from warpopt import (
     Camera,
-    ConvexBody,
-    DepthBuffer,
-    DepthHistogram,
     DirectionalLight,
+    Objective,
     Outcome,
-    PointReceivers,
-    WholeFrustum,
-    scene_warp,
+    SceneView,
+    Warp,
+    optimal_warp,
+    shadow_matrix,
 )
+from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, PointReceivers, WholeFrustum
+from warpopt.theory import Extent
 
 CAMERA = Camera((1, 2, 3), (0.3, -0.2, -1), (0, 1, 0), 0.5, 80.0, 0.5, 1.4)
 LIGHT = DirectionalLight((0.4, -1, -0.3))
+NONE = Warp.from_eta(1.0, Extent(0.0, 1.0))
 BOXES = {
     "around the camera": ((-20, -5, -40), (30, 8, 20)),
     "ahead": ((-4, 0, -40), (14, 5, -10)),
@@ -72,7 +73,7 @@ def test_integrals_over_a_body_are_exact():
     x, w = np.polynomial.legendre.leggauss(14)
     x, w = (x + 1) / 2, w / 2
     for measure, exponent in (("volume", 0), ("ground", 4)):
-        solution = scene_warp(CAMERA, LIGHT, ConvexBody.box(*box, measure), "p", "l1")
+        solution = optimal_warp(SceneView(CAMERA, LIGHT, ConvexBody.box(*box)), Objective("p", "l1", measure))
         # Collapsed Gauss nodes: r from the centre (weight r^2), s from a corner of a face (weight s), t along its edge.
         r, s, t = (v.ravel() for v in np.meshgrid(x, x, x, indexing="ij"))
         weight = np.einsum("i,j,k->ijk", w, w, w).ravel() * r * r * s
@@ -91,8 +92,11 @@ def test_integrals_over_a_body_are_exact():
 @pytest.mark.parametrize(("metric", "norm"), [("p", "inf"), ("pxq", "l2"), ("q", "l2")])
 def test_a_body_that_holds_the_frustum_is_the_whole_frustum(metric, norm):
     """Two derivations of the same moments: polygons slice by slice, and polar forms of tabulated integrals."""
-    whole = scene_warp(CAMERA, LIGHT, WholeFrustum("volume"), metric, norm)
-    body = scene_warp(CAMERA, LIGHT, ConvexBody.box(*BOXES["holding the frustum"], "volume"), metric, norm)
+    objective = Objective(metric, norm, "volume")
+    whole, body = (
+        optimal_warp(SceneView(CAMERA, LIGHT, receivers), objective)
+        for receivers in (None, ConvexBody.box(*BOXES["holding the frustum"]))
+    )
     np.testing.assert_allclose(body.warp.eta, whole.warp.eta, rtol=1e-12)
     np.testing.assert_allclose(body.value, whole.value, rtol=1e-12)
 
@@ -103,7 +107,9 @@ def test_a_body_thinner_than_rounding_is_a_plane(thickness):
     for metric, norm in (("p", "inf"), ("pxq", "l2")):
         for light in (LIGHT, DirectionalLight((0, -1, 0))):
             thick, thin = (
-                scene_warp(CAMERA, light, ConvexBody.box((-30, -1, -60), (30, -1 + h, 0)), metric, norm)
+                optimal_warp(
+                    SceneView(CAMERA, light, ConvexBody.box((-30, -1, -60), (30, -1 + h, 0))), Objective(metric, norm)
+                )
                 for h in (1e-5, thickness)
             )
             np.testing.assert_allclose(thin.warp.eta, thick.warp.eta, rtol=1e-4)  # of the order of 1e-5 over eta
@@ -115,14 +121,14 @@ def test_the_same_plane_twice_counts_once():
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), 1.0, 50.0, 0.5)
     planes = planes_of(((-5, -5, -20), (5, 5, -1)))
     once, twice = ConvexBody(planes), ConvexBody(np.concatenate([planes, planes * 3]))
-    a, b = (scene_warp(camera, LIGHT, body, "p", "l2") for body in (once, twice))
+    a, b = (optimal_warp(SceneView(camera, LIGHT, body), Objective("p", "l2")) for body in (once, twice))
     np.testing.assert_allclose(a.value, b.value, rtol=1e-12)
     np.testing.assert_allclose(a.warp.eta, b.warp.eta, rtol=1e-12)
 
 
 def test_boxes_behind_or_beside_the_view_are_empty():
     for box in (((-1, -1, 10), (1, 1, 20)), ((500, 0, -20), (600, 5, -10)), ((-3, 0, -900), (3, 5, -300))):
-        solution = scene_warp(CAMERA, LIGHT, ConvexBody.box(*box), "p", "l2")
+        solution = optimal_warp(SceneView(CAMERA, LIGHT, ConvexBody.box(*box)), Objective("p", "l2"))
         assert Outcome(int(solution.result)) == Outcome.empty
         assert solution.value == 0
         assert solution.warp.eta == 1
@@ -136,16 +142,16 @@ def test_nothing_at_all_is_empty():
     )  # fmt: skip
     for receivers in nothing:
         for norm in ("inf", "l2"):
-            solution = scene_warp(CAMERA, LIGHT, receivers, norm=norm)
+            solution = optimal_warp(SceneView(CAMERA, LIGHT, receivers), Objective(norm=norm))
             assert Outcome(int(solution.result)) == Outcome.empty
-    matrix = warpopt.shadow_matrix(CAMERA, LIGHT, WholeFrustum(), solution.warp, casters=np.zeros((0, 3)))
-    plain = warpopt.shadow_matrix(CAMERA, LIGHT, WholeFrustum(), solution.warp)
+    matrix = shadow_matrix(SceneView(CAMERA, LIGHT), solution.warp, casters=np.zeros((0, 3)))
+    plain = shadow_matrix(SceneView(CAMERA, LIGHT), solution.warp)
     np.testing.assert_allclose(matrix, plain, rtol=1e-12)
 
 
 def test_an_infinite_box_is_the_whole_frustum():
     whole, body = (
-        scene_warp(CAMERA, LIGHT, receivers, "p", "l2")
+        optimal_warp(SceneView(CAMERA, LIGHT, receivers), Objective("p", "l2"))
         for receivers in (WholeFrustum(), ConvexBody.box((-np.inf,) * 3, (np.inf,) * 3))
     )
     np.testing.assert_allclose(body.warp.eta, whole.warp.eta, rtol=1e-12)
@@ -160,7 +166,10 @@ def test_points_on_the_frustums_boundary_are_seen():
         corners = np.asarray(camera.corner_slopes())
         eye = np.concatenate([corners * 0.3, corners * 200.0])
         world = eye @ np.asarray(camera.rotation) + np.asarray(camera.position)
-        points, whole = (scene_warp(camera, light, r, "pxq") for r in (PointReceivers(world), WholeFrustum()))
+        points, whole = (
+            optimal_warp(SceneView(camera, light, receivers), Objective("pxq"))
+            for receivers in (PointReceivers(world), WholeFrustum())
+        )
         np.testing.assert_allclose(points.value, whole.value, rtol=1e-11)  # eps |position| / near
         np.testing.assert_allclose(points.warp.eta, whole.warp.eta, rtol=1e-11)
 
@@ -174,8 +183,10 @@ def test_the_excess_bounds_the_regret_of_grouping():
         points = np.c_[rng.uniform(-0.5, 0.5, (600, 2)) * z[:, None], -z]
         camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), 0.5, 80.0, 0.5)
         light = DirectionalLight(rng.normal(size=3))
-        grouped = scene_warp(camera, light, PointReceivers(points), "pxq")
-        alone = [scene_warp(camera, light, PointReceivers(part), "pxq") for part in np.array_split(points, 3)]
+        grouped, *alone = (
+            optimal_warp(SceneView(camera, light, PointReceivers(part)), Objective("pxq"))
+            for part in (points, *np.array_split(points, 3))
+        )
         assert all(part.excess == 0 for part in alone)
         found, x, z = grouped.coordinates(camera.to_eye(points))
         depth, x, depths = (np.asarray(v) for v in (found.delta, x, z))
@@ -192,19 +203,20 @@ def test_the_excess_bounds_the_regret_of_grouping():
 def test_receivers_on_the_axis_alone_have_nothing_to_warp_across():
     """E_q and E_pxq are zero for every warp: none is the answer, and the larger eta of a flat minimum."""
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), 0.5, 80.0, 0.5)
-    points = np.array([[0, 0, -5.0], [0, 0, -20], [0, 0, -60]])
+    points = PointReceivers([[0, 0, -5.0], [0, 0, -20], [0, 0, -60]])
+    view = SceneView(camera, DirectionalLight((0.0, -1, -0.3)), points)
     for metric in ("q", "pxq"):
-        solution = scene_warp(camera, DirectionalLight((0.0, -1, -0.3)), PointReceivers(points), metric)
+        solution = optimal_warp(view, Objective(metric))
         assert Outcome(int(solution.result)) == Outcome.no_warp
         assert (solution.warp.eta, solution.margin, solution.value) == (1, 0, 0)
-    assert scene_warp(camera, DirectionalLight((0.0, -1, -0.3)), PointReceivers(points), "p").warp.eta < 0.9
+    assert optimal_warp(view).warp.eta < 0.9
 
 
 def test_a_histogram_is_cut_by_the_view_as_it_says():
     """A bin that begins before the near plane keeps the share of its count that lies behind it."""
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), 5.0, 200.0, 0.4)
     cut, plain = (
-        scene_warp(camera, LIGHT, DepthHistogram(*bins), "p", "l2")
+        optimal_warp(SceneView(camera, LIGHT, DepthHistogram(*bins)), Objective("p", "l2"))
         for bins in (((1, 10, 100), (9, 1)), ((5, 10, 100), (5, 1)))
     )
     np.testing.assert_allclose(cut.value, plain.value, rtol=1e-12)
@@ -227,8 +239,8 @@ def image(height=54, width=90):
 def test_a_depth_buffer_is_its_pixels(metric, norm):
     """Against the pixels as points: moments to rounding; groups at most `excess` above, and never below."""
     z, points = image()
-    buffer = scene_warp(CAMERA, LIGHT, DepthBuffer(z), metric, norm)
-    exact = scene_warp(CAMERA, LIGHT, PointReceivers(points[z > 0]), metric, norm)
+    buffer = optimal_warp(SceneView(CAMERA, LIGHT, DepthBuffer(z)), Objective(metric, norm))
+    exact = optimal_warp(SceneView(CAMERA, LIGHT, PointReceivers(points[z > 0])), Objective(metric, norm))
     pixels = CAMERA.to_eye(points[z > 0])
     np.testing.assert_allclose(buffer.warp.mu, exact.warp.mu, rtol=1e-12)
     if (metric, norm) == ("p", "l2"):
@@ -240,7 +252,7 @@ def test_a_depth_buffer_is_its_pixels(metric, norm):
         assert buffer.value >= true * (1 - 1e-12)
         assert buffer.value <= true * (1 + buffer.excess) * (1 + 1e-12)
         assert buffer.excess < 0.12  # 3.7 % a bin, to the power of E_pxq's A^3
-    matrix = warpopt.shadow_matrix(CAMERA, LIGHT, buffer.footprint, buffer.warp)
+    matrix = shadow_matrix(SceneView(CAMERA, LIGHT, DepthBuffer(z)), buffer.warp)
     clip = np.c_[points[z > 0], np.ones((z > 0).sum())] @ np.asarray(matrix).T
     assert (np.abs(clip[:, :3] / clip[:, 3:]) < 1 + 1e-9).all()
     assert (clip[:, 3] > 0).all()
@@ -253,7 +265,7 @@ def test_encodings_are_one_buffer():
     safe = np.where(z > 0, z, 1.0)
     standard = np.where(z > 0, f * (safe - n) / (safe * (f - n)), 1.0)
     solutions = [
-        scene_warp(CAMERA, LIGHT, buffer, "p", "l2")
+        optimal_warp(SceneView(CAMERA, LIGHT, buffer), Objective("p", "l2"))
         for buffer in (DepthBuffer(z), DepthBuffer(standard, "standard"), DepthBuffer(1 - standard, "reversed"))
     ]
     for other in solutions[1:]:
@@ -267,21 +279,22 @@ def test_a_depth_buffer_of_sky_alone_is_empty():
     linear, standard = DepthBuffer(np.zeros(size)), DepthBuffer(np.ones(size), "standard")
     cases = ((linear, "p", "l2"), (linear, "pxq", "inf"), (linear, "q", "l2"), (standard, "p", "l2"))
     for sky, metric, norm in cases:
-        solution = scene_warp(CAMERA, LIGHT, sky, metric, norm)
+        solution = optimal_warp(SceneView(CAMERA, LIGHT, sky), Objective(metric, norm))
         assert Outcome(int(solution.result)) == Outcome.empty
         assert solution.value == 0
-        matrix = warpopt.shadow_matrix(CAMERA, LIGHT, solution.footprint, solution.warp)
+        matrix = shadow_matrix(SceneView(CAMERA, LIGHT, sky), solution.warp)
         assert jnp.isfinite(matrix).all()
 
 
 def test_a_histogram_of_the_whole_range_is_the_whole_frustum():
     """Uniform over the screen at each depth, with the screen measure's flat density in z."""
     edges = np.geomspace(0.5, 80, 65)
-    whole = scene_warp(CAMERA, LIGHT, WholeFrustum("screen"), "p", "l2")
-    histogram = scene_warp(CAMERA, LIGHT, DepthHistogram(edges, np.diff(edges)), "p", "l2")
+    whole = optimal_warp(SceneView(CAMERA, LIGHT), Objective("p", "l2"))
+    histogram = optimal_warp(SceneView(CAMERA, LIGHT, DepthHistogram(edges, np.diff(edges))), Objective("p", "l2"))
     np.testing.assert_allclose(histogram.value, whole.value, rtol=1e-10)
     np.testing.assert_allclose(histogram.warp.eta, whole.warp.eta, rtol=1e-10)
-    part = scene_warp(CAMERA, LIGHT, DepthHistogram(edges, np.where(edges[:-1] > 10, 1.0, 0.0)), "pxq")
+    far_half = DepthHistogram(edges, np.where(edges[:-1] > 10, 1.0, 0.0))
+    part = optimal_warp(SceneView(CAMERA, LIGHT, far_half), Objective("pxq"))
     assert part.warp.mu < whole.warp.mu
     assert 0 < part.excess
 
@@ -297,7 +310,7 @@ def test_gradients_are_those_of_the_whole_solve_and_finite_everywhere():
             "box": ConvexBody.box(inputs["lower"], inputs["lower"] + jnp.array([20.0, 4.0, 40.0])),
             "points": PointReceivers(inputs["points"]),
         }[kind]
-        solution = scene_warp(camera, light, receivers, metric, norm, throw=False)
+        solution = optimal_warp(SceneView(camera, light, receivers), Objective(metric, norm), throw=False)
         return jnp.stack([solution.warp.eta, solution.value])
 
     inputs = {
@@ -346,15 +359,16 @@ def test_gradients_are_those_of_the_whole_solve_and_finite_everywhere():
     (lambda: ConvexBody.box((0, 0, np.nan), (1, 1, 1)), "lower: got nan, expected numbers"),
     (lambda: Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), [1, 2], 3, 0.5), r"got shape \(2,\), expected numbers"),
     (lambda: Camera.off_centre((0, 0, 0), (0, 0, 1), (0, 1, 0), 1, 2, (0, 1, 2)), "window: got 3 numbers"),
-    (lambda: scene_warp(CAMERA, (0, 0, 1)), r"light: got \(0, 0, 1\), expected a DirectionalLight"),
-    (lambda: scene_warp(CAMERA, LIGHT, np.zeros((3, 3))), "receivers: got ndarray"),
-    (lambda: scene_warp(CAMERA, LIGHT, screen=5, shadow_map=(1, 1)), "screen: got 5, expected two positive numbers"),
-    (lambda: warpopt.shadow_matrix(CAMERA, LIGHT, WholeFrustum(), 0.5), "warp: got 0.5, expected a Warp"),
-    (lambda: warpopt.shadow_matrix(CAMERA, LIGHT, WholeFrustum(), warpopt.Warp.from_eta(1.0, 1.0), "vulkan"),
-     "convention: got 'vulkan', expected a ClipSpace"),
-    (lambda: warpopt.shadow_matrix(CAMERA, LIGHT, WholeFrustum(), warpopt.Warp.from_eta(1.0, 1.0), padding=(0.5, 0.1)),
+    (lambda: SceneView(CAMERA, (0, 0, 1)), r"light: got \(0, 0, 1\), expected a DirectionalLight"),
+    (lambda: SceneView(CAMERA, LIGHT, np.zeros((3, 3))), r"receivers: got array\(\[\[0"),
+    (lambda: SceneView(CAMERA, LIGHT, screen=5, shadow_map=(1, 1)), r"screen: got shape \(\), expected two numbers"),
+    (lambda: shadow_matrix(SceneView(CAMERA, LIGHT), 0.5), "warp: got 0.5, expected a warpopt.Warp or a solution"),
+    (lambda: shadow_matrix(SceneView(CAMERA, LIGHT), NONE, "vulkan"),
+     "clip_space: got 'vulkan', expected a ClipSpace"),
+    (lambda: shadow_matrix(SceneView(CAMERA, LIGHT), NONE, padding=(0.5, 0.1)),
      "padding: got"),
-    (lambda: ConvexBody(np.eye(4), "axis"), "measure: got 'axis'"),
+    (lambda: optimal_warp(SceneView(CAMERA, LIGHT, ConvexBody(np.eye(3, 4))), Objective(measure="axis")),
+     "measure: got 'axis' with ConvexBody, expected one of"),
     (lambda: PointReceivers(np.zeros(3)), r"points: got shape \(3,\), expected \(N, 3\)"),
     (lambda: PointReceivers(np.zeros((2, 3)), [1.0]), r"weights: got shape \(1,\), expected \(2,\)"),
     (lambda: PointReceivers(np.zeros((2, 3)), [1.0, -1.0]), "weights: got -1.0"),
@@ -364,9 +378,10 @@ def test_gradients_are_those_of_the_whole_solve_and_finite_everywhere():
     (lambda: DepthBuffer([[1.0]], "log"), "encoding: got 'log'"),
     (lambda: DepthHistogram([1.0, 2.0], [1.0, 2.0]), r"counts: got shape \(2,\) with edges \(2,\)"),
     (lambda: DepthHistogram([2.0, 1.0], [1.0]), "edges: got 2.0, expected increasing depths"),
-    (lambda: scene_warp(CAMERA, LIGHT, norm=1.7), r"order 1.7, expected one with \(2 alpha \+ beta\) order an integer"),
-    (lambda: scene_warp(CAMERA, LIGHT, min_eta=0.0), "min_eta: got 0.0"),
-    (lambda: warpopt.shadow_matrix(CAMERA, LIGHT, WholeFrustum(), warpopt.Warp.from_eta(1.0, 1.0), casters=[1.0]),
+    (lambda: optimal_warp(SceneView(CAMERA, LIGHT), Objective(norm=1.7)),
+     r"order 1.7 over receivers, expected one with \(2 alpha \+ beta\) order an integer"),
+    (lambda: optimal_warp(SceneView(CAMERA, LIGHT), min_eta=0.0), "min_eta: got 0.0"),
+    (lambda: shadow_matrix(SceneView(CAMERA, LIGHT), NONE, casters=[1.0]),
      r"casters: got shape \(1,\)"),
 ])  # fmt: skip
 def test_bad_input_is_named(make, words):

@@ -55,8 +55,8 @@ def test_psm_distribution_under_an_overhead_light():
     """On the axis E_q is constant and E_p proportional to z; lambda = n, eta = n/f, strength 1."""
     warp = warpopt.rules.psm(PAPER, np.pi / 2)
     z = jnp.linspace(1.0, 100.0, 50)
-    e_q = warpopt.aliasing_error(PAPER, np.pi / 2, warp, 0.0, z, "q")
-    e_p = warpopt.aliasing_error(PAPER, np.pi / 2, warp, 0.0, z, "p")
+    e_q = warpopt.theory.aliasing_error(PAPER, np.pi / 2, warp, 0.0, z, "q")
+    e_p = warpopt.theory.aliasing_error(PAPER, np.pi / 2, warp, 0.0, z, "p")
     np.testing.assert_allclose(e_q / e_q[0], 1, rtol=64 * EPS)
     np.testing.assert_allclose(e_p / z, e_p[0], rtol=64 * EPS)
     assert float(warp.lam) == pytest.approx(1.0, rel=64 * EPS)
@@ -68,8 +68,8 @@ def test_psm_distribution_at_other_angles():
     theta = np.pi / 3
     warp = warpopt.rules.psm(PAPER, theta)
     z = jnp.linspace(1.0, 100.0, 50)
-    e_q = warpopt.aliasing_error(PAPER, theta, warp, 0.0, z, "q")
-    e_p = warpopt.aliasing_error(PAPER, theta, warp, 0.0, z, "p")
+    e_q = warpopt.theory.aliasing_error(PAPER, theta, warp, 0.0, z, "q")
+    e_p = warpopt.theory.aliasing_error(PAPER, theta, warp, 0.0, z, "p")
     assert float(e_q.max() / e_q.min()) < 1.01
     assert float((e_p / z).max() / (e_p / z).min()) < 1.01
 
@@ -83,7 +83,7 @@ def test_lispsm_is_the_overhead_optimum_of_e_p():
     """n + sqrt(f n), to 1e-12, over f/n from 1.1 to 1e4."""
     ratio = np.array([1.1, 2.0, 30.0, 1e4])
     frustum = warpopt.ViewFrustum(0.7, 0.7 * ratio, 0.4)
-    solution = warpopt.optimal_warp(frustum, np.pi / 2, "p", "inf")
+    solution = warpopt.optimal_warp(warpopt.FrustumView(frustum, np.pi / 2), warpopt.Objective("p", "inf"))
     np.testing.assert_allclose(solution.warp.lam, 0.7 * (1 + np.sqrt(ratio)), rtol=1e-12)
     np.testing.assert_allclose(warpopt.rules.lispsm(frustum, np.pi / 2).lam, solution.warp.lam, rtol=1e-12)
     np.testing.assert_allclose(solution.warp.strength(frustum), 0.5, rtol=1e-12)
@@ -135,7 +135,7 @@ def test_tsm_of_a_light_along_the_view():
     assert float(warp.lam) == pytest.approx(float(warp.mu) / 3, rel=8 * EPS)
     quarter = 0.25  # of mu = 2 f tan(phi), from the upper plane at z = f: y = f tan(phi) / 2
     y = 100.0 * np.tan(scenes.PHI) * (1 - 2 * quarter)
-    _, s = warpopt.texture_coordinates(PAPER, 0.0, warp, 0.0, y, 100.0)
+    _, s = warpopt.theory.texture_coordinates(PAPER, 0.0, warp, 0.0, y, 100.0)
     assert float(s) == pytest.approx(4 / 7, rel=16 * EPS)
 
 
@@ -176,7 +176,7 @@ def test_n_opt_is_the_axis_optimum_seen_from_the_apex():
     for rule in (warpopt.rules.lispsm, warpopt.rules.minimum_norm):
         warp = rule(PAPER, np.pi / 2)
         assert float(warp.lam) == pytest.approx(1 + np.sqrt(100.0), rel=8 * EPS)
-        ends = warpopt.aliasing_error(PAPER, np.pi / 2, warp, 0.0, jnp.array([1.0, 100.0]))
+        ends = warpopt.theory.aliasing_error(PAPER, np.pi / 2, warp, 0.0, jnp.array([1.0, 100.0]))
         np.testing.assert_allclose(ends[0], ends[1], rtol=32 * EPS)
 
 
@@ -184,8 +184,9 @@ def test_storage_factor_is_constant_between_psm_and_lispsm():
     """WI: max E_p max E_q = 2 (f - n) / (n tan phi) for lambda in [n, n_opt], light overhead; larger outside."""
     constant = 2 * 99 / np.tan(scenes.PHI)
     lam = jnp.array([1.0, 2.0, 5.0, 8.0, 11.0, 0.9, 12.0])
-    warp = warpopt.Warp.from_lam(lam, 99.0)
-    p, q = (warpopt.error_norm(PAPER, np.full(7, np.pi / 2), warp, metric) for metric in ("p", "q"))
+    view = warpopt.FrustumView(PAPER, np.full(7, np.pi / 2))
+    warp = warpopt.Warp.from_lam(lam, view)
+    p, q = (warpopt.error_norm(view, warp, warpopt.Objective(metric)) for metric in ("p", "q"))
     np.testing.assert_allclose((p * q)[:5], constant, rtol=64 * EPS)
     assert bool(((p * q)[5:] > constant * 1.001).all())
 
@@ -196,7 +197,9 @@ def test_the_logarithmic_map_has_constant_e_p():
     ds = jax.vmap(jax.grad(lambda v: jnp.log(v) / jnp.log(100.0)))(z)
     dp = 1 / (z * np.tan(scenes.PHI))  # along y = z - b at the axis, up to the projection factor
     np.testing.assert_allclose(dp / ds, np.log(100.0) / np.tan(scenes.PHI), rtol=8 * EPS)
-    assert float(warpopt.optimal_warp(PAPER, np.pi / 2, "p").value) > np.log(100.0) / np.tan(scenes.PHI)
+    assert float(warpopt.optimal_warp(warpopt.FrustumView(PAPER, np.pi / 2), warpopt.Objective("p")).value) > np.log(
+        100.0
+    ) / np.tan(scenes.PHI)
 
 
 def test_rules_are_mirror_symmetric():

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import warpopt
-from warpopt import Camera, ConvexBody, DepthBuffer, DirectionalLight, PointReceivers, WholeFrustum, scene_warp
+from warpopt import Camera, DirectionalLight, Objective, SceneView, optimal_warp
+from warpopt.receivers import ConvexBody, DepthBuffer, PointReceivers, WholeFrustum
 
 EPS = float(np.finfo(np.float32).eps)
 LIGHTS = np.array([[0.4, -1, -0.3], [0, -1, 0], [0.01, -0.02, 1], [0.7, 0.6, -0.2]], np.float32)
@@ -43,11 +44,14 @@ def test_single_precision_is_as_good_as_its_rounding(kind, metric, norm):
         (0, 0, 0), (0, 0, -1), (0, 1, 0), np.float32(1), np.float32(1000), np.float32(0.45), np.float32(1.5)
     )
     single = jax.tree.map(lambda v: v.astype(np.float32), double)
+    objective = Objective(metric, norm)
     for direction in LIGHTS:
-        exact = scene_warp(double, DirectionalLight(direction.astype(float)), receivers(np.float64)[kind], metric, norm)
-        found = scene_warp(single, DirectionalLight(direction), receivers(np.float32)[kind], metric, norm)
+        light = DirectionalLight(direction.astype(float))
+        exact = optimal_warp(SceneView(double, light, receivers(np.float64)[kind]), objective)
+        view = SceneView(single, DirectionalLight(direction), receivers(np.float32)[kind])
+        found = optimal_warp(view, objective)
         assert found.warp.eta.dtype == np.float32
         np.testing.assert_allclose(found.value, exact.value, rtol=3 * 16 * EPS / min(float(exact.warp.eta), 0.05))
-        matrix = warpopt.shadow_matrix(single, DirectionalLight(direction), found.footprint, found.warp)
+        matrix = warpopt.shadow_matrix(view, found)
         assert matrix.dtype == np.float32
         assert jnp.isfinite(matrix).all()

@@ -4,10 +4,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import turned
+from scenes import norms_of_points, turned
 
-import warpopt
-from warpopt import Camera, ConvexBody, DirectionalLight, Outcome, PointReceivers, WholeFrustum, scene_warp
+from warpopt import (
+    Camera,
+    DirectionalLight,
+    FrustumView,
+    Objective,
+    Outcome,
+    SceneView,
+    ViewFrustum,
+    Warp,
+    error_norm,
+    optimal_warp,
+    shadow_matrix,
+)
+from warpopt.receivers import ConvexBody, PointReceivers, WholeFrustum
 
 N, F, PHI = 0.5, 60.0, 0.55
 OBJECTIVES = [("p", "inf", "screen"), ("q", "inf", "screen"), ("pxq", "l2", "volume"), ("p", "l1", "ground"),
@@ -26,11 +38,13 @@ def test_on_the_yz_plane_it_is_the_closed_form(metric, norm, measure):
     rotation, shift = turned(3)
     camera = Camera(shift, rotation @ jnp.array([0, 0, -1.0]), rotation @ jnp.array([0, 1.0, 0]), N, F, PHI)
 
+    objective = Objective(metric, norm, measure)
+
     def solve(direction):
-        return scene_warp(camera, DirectionalLight(direction), WholeFrustum(measure), metric, norm, throw=False)
+        return optimal_warp(SceneView(camera, DirectionalLight(direction)), objective, throw=False)
 
     found = jax.vmap(solve)(light_at(theta) @ rotation.T)
-    exact = warpopt.optimal_warp(warpopt.ViewFrustum(N, F, PHI), theta, metric, norm, measure)
+    exact = optimal_warp(FrustumView(ViewFrustum(N, F, PHI), theta), objective)
     np.testing.assert_allclose(found.warp.eta, exact.warp.eta, rtol=1e-12)
     np.testing.assert_allclose(found.value, exact.value, rtol=1e-12)
     np.testing.assert_allclose(found.warp.mu, exact.warp.mu, rtol=1e-12)
@@ -44,7 +58,9 @@ def test_the_sense_of_the_light_does_not_matter():
     """Light from behind and light towards the camera give one warp: planes, not senses, define W."""
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), N, F, PHI, 1.5)
     direction = np.array([0.4, -0.8, 0.3])
-    one, other = (scene_warp(camera, DirectionalLight(d), metric="pxq") for d in (direction, -direction))
+    one, other = (
+        optimal_warp(SceneView(camera, DirectionalLight(d)), Objective("pxq")) for d in (direction, -direction)
+    )
     np.testing.assert_allclose(one.warp.eta, other.warp.eta, rtol=1e-12)
     np.testing.assert_allclose(one.value, other.value, rtol=1e-12)
 
@@ -56,28 +72,6 @@ def sample(seed: int, count: int):
     return points, rng.uniform(0.5, 2.0, count)
 
 
-def brute_norms(points, weights, direction, etas, metric, order):
-    """Norms by raw geometry: world vectors, one eta after another; densities of a screen of slope tan(PHI)."""
-    light = direction / np.linalg.norm(direction)
-    view = np.array([0, 0, -1.0])
-    z_axis = view - light * (light @ view)
-    z_axis /= np.linalg.norm(z_axis)
-    x_axis = np.cross(light, z_axis)
-    d, x, z = points @ z_axis, points @ x_axis, points @ view
-    mu = np.ptp(d)
-    x = x - np.clip(0, x.min(), x.max())
-    out = []
-    for eta in etas:
-        lam = mu * eta / (1 - eta)
-        z_w = lam + d - d.min()
-        s_slope = lam * (lam + mu) / (mu * z_w**2)  # ds/dd of s = (lam + mu)(z_w - lam)/(mu z_w)
-        t = x * (lam + mu) / z_w
-        e_p, e_q = 1 / (s_slope * z * np.tan(PHI)), np.ptp(t) * z_w / (lam + mu) / (z * np.tan(PHI))
-        e = {"p": e_p, "q": e_q, "pxq": e_p * e_q, "max": np.maximum(e_p, e_q)}[metric]
-        out.append(e.max() if np.isinf(order) else np.average(e**order, weights=weights) ** (1 / order))
-    return np.array(out)
-
-
 @pytest.mark.parametrize(("metric", "order"), [("p", np.inf), ("q", np.inf), ("pxq", np.inf), ("max", np.inf),
                                                ("p", 2.0), ("q", 2.0), ("pxq", 1.0)])  # fmt: skip
 def test_no_eta_is_better_by_brute_force(metric, order):
@@ -86,9 +80,9 @@ def test_no_eta_is_better_by_brute_force(metric, order):
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), N, F, PHI)
     receivers = PointReceivers(points, weights)
     for direction in ((0.3, -1.0, -0.2), (-0.6, -0.2, 0.7)):
-        solution = scene_warp(camera, DirectionalLight(direction), receivers, metric, order)
+        solution = optimal_warp(SceneView(camera, DirectionalLight(direction), receivers), Objective(metric, order))
         etas = [float(solution.warp.eta), *np.geomspace(1e-4, 0.999, 2000)]
-        at, *grid = brute_norms(points, weights, np.array(direction), etas, metric, order)
+        at, *grid = norms_of_points(points, weights, np.array(direction), etas, metric, order, np.tan(PHI))
         assert abs(at / float(solution.value) - 1) < 1e-12
         assert min(grid) > at * (1 - 1e-12)
         assert min(grid) < at * 1.005  # a step of the grid, 0.46 %, past a kink of slope 1: it is the same function
@@ -100,25 +94,28 @@ def test_no_eta_is_better_by_brute_force(metric, order):
 def test_resolutions_make_errors_pixels_per_texel_and_weigh_the_maximum():
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), N, F, PHI, 16 / 9)
     light = DirectionalLight((0, -1, 0))
-    plain = scene_warp(camera, light)
-    fine = scene_warp(camera, light, screen=(1920, 1080), shadow_map=(2048, 1024))
+    plain = optimal_warp(SceneView(camera, light))
+    fine = optimal_warp(SceneView(camera, light, screen=(1920, 1080), shadow_map=(2048, 1024)))
     # NDC per map to pixels per texel: half the pixels up the screen, over the texels along s.
     np.testing.assert_allclose(fine.value, plain.value * 1080 / 2 / 1024, rtol=1e-13)
     np.testing.assert_allclose(fine.warp.eta, plain.warp.eta, rtol=1e-13)
     values = [
-        scene_warp(camera, light, metric=m, screen=(1920, 1080), shadow_map=(64, 4096)).value for m in ("q", "max")
+        optimal_warp(SceneView(camera, light, screen=(1920, 1080), shadow_map=(64, 4096)), Objective(m)).value
+        for m in ("q", "max")
     ]
     assert values[0] < values[1] * (1 + 1e-12)
-    with pytest.raises(ValueError, match="screen: got None"):
-        scene_warp(camera, light, shadow_map=(1, 1))
+    with pytest.raises(ValueError, match="screen: got none with shadow_map"):
+        optimal_warp(SceneView(camera, light, shadow_map=(1, 1)))
     with pytest.raises(ValueError, match="expected 'inf' with metric 'max'"):
-        scene_warp(camera, light, metric="max", norm="l2")
+        optimal_warp(SceneView(camera, light), Objective("max", "l2"))
 
 
 def test_max_lies_between_its_two_errors():
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), N, F, PHI)
     for direction in ((0, -1, 0), (0.5, -1, -1), (0.1, -0.1, 1)):
-        p, q, both = (scene_warp(camera, DirectionalLight(direction), metric=m) for m in ("p", "q", "max"))
+        p, q, both = (
+            optimal_warp(SceneView(camera, DirectionalLight(direction)), Objective(m)) for m in ("p", "q", "max")
+        )
         low, high = sorted([float(p.warp.eta), float(q.warp.eta)])
         assert low * (1 - 1e-9) <= both.warp.eta <= high * (1 + 1e-9)
         assert both.value >= max(p.value, q.value) * (1 - 1e-12)
@@ -139,7 +136,8 @@ def test_outcomes_that_are_no_errors(dtype):
         (WholeFrustum(), "p", DirectionalLight(np.array([0, 1e-12, 1], dtype)), Outcome.no_warp),
     ]  # fmt: skip
     for receivers, metric, light, expected in cases:
-        solution = scene_warp(camera, light, receivers, metric)
+        view = SceneView(camera, light, receivers)
+        solution = optimal_warp(view, Objective(metric))
         assert Outcome(int(solution.result)) == expected
         # exp(log(1e-4)) carries |log| eps
         np.testing.assert_allclose(
@@ -147,7 +145,7 @@ def test_outcomes_that_are_no_errors(dtype):
         )
         assert jnp.isfinite(solution.value)
         assert solution.warp.eta.dtype == dtype
-        matrix = warpopt.shadow_matrix(camera, light, solution.footprint, solution.warp)
+        matrix = shadow_matrix(view, solution.warp)
         assert jnp.isfinite(matrix).all()
         assert Outcome(int(solution.result)).succeeded
         if expected in (Outcome.empty, Outcome.flat):
@@ -159,13 +157,11 @@ def test_the_margin_decides_before_solving():
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), N, F, PHI)
     for theta in (0.001, 0.05, 0.3, 1.2):
         light = DirectionalLight(light_at(jnp.array(theta)))
-        solution = scene_warp(camera, light, metric="pxq", norm="l2")
+        solution = optimal_warp(SceneView(camera, light), Objective("pxq", "l2"))
         assert (solution.margin > 0) == (solution.warp.eta < 1)
         step = 1e-5
-        frustum = warpopt.ViewFrustum(N, F, PHI)
-        norms = [
-            warpopt.error_norm(frustum, theta, warpopt.Warp.from_eta(eta, 1.0), "pxq", "l2") for eta in (1, 1 - step)
-        ]
+        view = FrustumView(ViewFrustum(N, F, PHI), theta)
+        norms = [error_norm(view, Warp.from_eta(eta, view), Objective("pxq", "l2")) for eta in (1, 1 - step)]
         # one-sided difference of step 1e-5
         np.testing.assert_allclose(solution.margin, jnp.log(norms[0] / norms[1]) / step, rtol=1e-3, atol=1e-4)
 
@@ -179,9 +175,9 @@ def test_one_call_for_an_animation():
     def solve(forward, direction):
         camera = Camera(jnp.zeros(3), forward, jnp.array([0.0, 1, 0]), N, F, PHI)
         body = ConvexBody.box(jnp.array([-30.0, -3, -30]), jnp.array([30.0, 2, 30]))
-        light = DirectionalLight(direction)
-        solution = scene_warp(camera, light, body, throw=False)
-        return solution, warpopt.shadow_matrix(camera, light, solution.footprint, solution.warp)
+        view = SceneView(camera, DirectionalLight(direction), body)
+        solution = optimal_warp(view, throw=False)
+        return solution, shadow_matrix(view, solution)
 
     directions = jnp.stack([0.3 * jnp.ones(frames), -jnp.ones(frames), jnp.cos(angle)], 1)
     solutions, matrices = jax.jit(jax.vmap(solve))(forward, directions)

@@ -7,7 +7,8 @@ import pytest
 from scenes import turned
 
 import warpopt
-from warpopt import Camera, ClipSpace, ConvexBody, DirectionalLight, PointReceivers, Warp, scene_warp, shadow_matrix
+from warpopt import Camera, ClipSpace, DirectionalLight, Objective, SceneView, Warp, optimal_warp, shadow_matrix
+from warpopt.receivers import ConvexBody, PointReceivers
 
 N, F, PHI = 1.0, 100.0, np.pi / 6
 # Half of the sixteen, each compiled for itself: every three of the four choices in all eight ways.
@@ -51,14 +52,14 @@ def eye_points(seed, count=300):
 def test_texture_coordinates_are_the_theorys(theta):
     """(t, s) through the matrix equals AT09's to 1e-12, in eight conventions, for any pose; the map is just filled."""
     camera, light, to_world = posed(theta)
-    frustum, warp = warpopt.ViewFrustum(N, F, PHI), Warp.from_eta(0.07, 1.0)
+    frustum = warpopt.ViewFrustum(N, F, PHI)
+    warp = Warp.from_eta(0.07, warpopt.FrustumView(frustum, theta))
     eye = eye_points(0)
     u = (1 - eye[:, 1] / (eye[:, 2] * np.tan(PHI))) / 2
     u = u if theta <= np.pi / 2 else 1 - u
-    t0, s0 = warpopt.texture_coordinates(frustum, theta, warp, *eye.T)
-    footprint = warpopt.WholeFrustum()
+    t0, s0 = warpopt.theory.texture_coordinates(frustum, theta, warp, *eye.T)
     for convention in CONVENTIONS:
-        matrix = shadow_matrix(camera, light, footprint, warp, convention)
+        matrix = shadow_matrix(SceneView(camera, light), warp, convention)
         t, s, depth, w = through(matrix, to_world(eye), convention)
         np.testing.assert_allclose(t, t0, atol=1e-12)
         np.testing.assert_allclose(s, s0, atol=1e-12)
@@ -70,7 +71,8 @@ def test_texture_coordinates_are_the_theorys(theta):
 def test_no_warp_is_the_plain_focused_map():
     """eta = 1: an affine matrix, orthogonal to the light, whose map is the frustum's bounding rectangle."""
     camera, light, to_world = posed(0.9)
-    matrix = shadow_matrix(camera, light, warpopt.WholeFrustum(), warpopt.Warp.from_eta(1.0, 1.0))
+    view = SceneView(camera, light)
+    matrix = shadow_matrix(view, Warp.from_eta(1.0, view.footprint()))
     np.testing.assert_allclose(matrix[3], [0, 0, 0, 1], atol=1e-15)
     t, s, _, _ = through(matrix, to_world(eye_points(1)), ClipSpace())
     assert [v.min() for v in (t, s)] == pytest.approx([0, 0], abs=1e-12)
@@ -103,7 +105,7 @@ def test_it_is_scherzers_construction(theta):
     across = (points - apex) @ side / along
     t = (across - across.min()) / np.ptp(across)
     np.testing.assert_allclose(rule.lam, near, rtol=1e-12)
-    found_t, found_s, _, _ = through(shadow_matrix(camera, light, warpopt.WholeFrustum(), rule), points, ClipSpace())
+    found_t, found_s, _, _ = through(shadow_matrix(SceneView(camera, light), rule), points, ClipSpace())
     np.testing.assert_allclose(found_s, s, atol=1e-12)
     # left and right on the map are a convention of X_w's sense
     assert min(np.abs(found_t - t).max(), np.abs(found_t - (1 - t)).max()) < 1e-12
@@ -117,9 +119,10 @@ def test_casters_before_receivers_stay_in_the_map_with_w_positive():
     lower, upper = np.array([-40.0, 0, -90]), np.array([40.0, 6, -10])
     box = ConvexBody.box(lower, upper)
     corners = np.array([[x, y, z] for x in (-40, 40) for y in (0, 30) for z in (-90, 0)], float)
-    best = scene_warp(camera, light, box)
+    view = SceneView(camera, light, box)
+    best = optimal_warp(view)
     assert best.warp.eta < 0.5
-    matrix = shadow_matrix(camera, light, best.footprint, best.warp, ClipSpace.vulkan(), casters=corners)
+    matrix = shadow_matrix(view, best, ClipSpace.vulkan(), casters=corners)
     points = rng.uniform(lower, upper, (4000, 3))
     eye = np.asarray(camera.to_eye(points))
     seen = (eye @ np.asarray(camera.planes())[:, :3].T + np.asarray(camera.planes())[:, 3] > 0).all(1)
@@ -140,7 +143,7 @@ def test_casters_before_receivers_stay_in_the_map_with_w_positive():
     np.testing.assert_allclose(w2, w[kept], rtol=1e-9)
     assert depth2.min() > -1e-12
     assert (depth2 <= depth[kept] + 1e-12).all()
-    without = shadow_matrix(camera, light, best.footprint, best.warp, ClipSpace.vulkan())
+    without = shadow_matrix(view, best, ClipSpace.vulkan())
     # The depth that casters take is taken from the receivers': without them it is finer.
     assert np.ptp(through(without, receivers, ClipSpace.vulkan())[2]) > 1.2 * np.ptp(depth)
 
@@ -148,8 +151,9 @@ def test_casters_before_receivers_stay_in_the_map_with_w_positive():
 def test_round_trip_and_orientation():
     """The inverse brings points back; s grows away from the eye along W's axis, depth away from the light."""
     camera, light, to_world = posed(1.1)
+    view = SceneView(camera, light)
     points = to_world(eye_points(3))
-    matrix = shadow_matrix(camera, light, warpopt.WholeFrustum(), Warp.from_eta(0.1, 1.0))
+    matrix = shadow_matrix(view, Warp.from_eta(0.1, view.footprint()))
     clip = np.c_[points, np.ones(len(points))] @ np.asarray(matrix).T
     back = (clip / clip[:, 3:]) @ np.linalg.inv(np.asarray(matrix)).T
     np.testing.assert_allclose(back[:, :3] / back[:, 3:], points, atol=1e-9)
@@ -165,8 +169,9 @@ def test_round_trip_and_orientation():
 def test_the_order_of_light_reaches_the_light_from_receivers_to_sky():
     """Reversed z, z in [0, 1]: the receiver nearest to the light has z/w = 1."""
     camera, light, to_world = posed(np.pi / 2)
+    view = SceneView(camera, light)
     convention = ClipSpace.direct3d(reversed_z=True)
-    matrix = shadow_matrix(camera, light, warpopt.WholeFrustum(), Warp.from_eta(1.0, 1.0), convention)
+    matrix = shadow_matrix(view, Warp.from_eta(1.0, view.footprint()), convention)
     points = to_world(eye_points(6))
     clip = np.c_[points, np.ones(len(points))] @ np.asarray(matrix)
     nearest = np.argmin(points @ np.asarray(light.direction))
@@ -175,7 +180,8 @@ def test_the_order_of_light_reaches_the_light_from_receivers_to_sky():
 
 def test_texel_snap_moves_by_less_than_a_texel_and_holds_still():
     camera, light, _ = posed(0.9)
-    plain = shadow_matrix(camera, light, warpopt.WholeFrustum(), Warp.from_eta(1.0, 1.0))
+    view = SceneView(camera, light)
+    plain = shadow_matrix(view, Warp.from_eta(1.0, view.footprint()))
     resolution = (512, 256)
     snapped = warpopt.texel_snap(plain, resolution)
     texel = 2 / np.array(resolution)
@@ -185,12 +191,12 @@ def test_texel_snap_moves_by_less_than_a_texel_and_holds_still():
     np.testing.assert_array_equal(snapped[:, :3], plain[:, :3])
     rows = warpopt.texel_snap(plain.T, resolution, ClipSpace(row_vectors=True))
     np.testing.assert_array_equal(rows.T, snapped)
-    warped = shadow_matrix(camera, light, warpopt.WholeFrustum(), Warp.from_eta(0.1, 1.0))
+    warped = shadow_matrix(view, Warp.from_eta(0.1, view.footprint()))
     with pytest.raises(ValueError, match="unwarped one"):
         warpopt.texel_snap(warped, resolution)
     # With a texel of padding nothing leaves the map by being moved.
     padding = (1 / resolution[0], 1 / resolution[1])
-    roomy = shadow_matrix(camera, light, warpopt.WholeFrustum(), Warp.from_eta(1.0, 1.0), padding=padding)
+    roomy = shadow_matrix(view, Warp.from_eta(1.0, view.footprint()), padding=padding)
     t, s, _, _ = through(warpopt.texel_snap(roomy, resolution), posed(0.9)[2](eye_points(1)), ClipSpace())
     assert min(t.min(), s.min()) > 0
     assert max(t.max(), s.max()) < 1
@@ -206,8 +212,9 @@ def test_receivers_of_any_kind_land_in_the_map():
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), N, F, PHI)
     for direction in ((0.2, -1, -0.6), (1, 0.1, 0.4)):
         light = DirectionalLight(direction)
-        best = scene_warp(camera, light, PointReceivers(points), "pxq")
-        t, s, depth, w = through(shadow_matrix(camera, light, best.footprint, best.warp), points, ClipSpace())
+        view = SceneView(camera, light, PointReceivers(points))
+        best = optimal_warp(view, Objective("pxq"))
+        t, s, depth, w = through(shadow_matrix(view, best), points, ClipSpace())
         for value in (t, s, depth):
             assert value.min() > -1e-12
             assert value.max() < 1 + 1e-12
@@ -221,7 +228,8 @@ def test_caster_and_receiver_share_a_texel_next_to_parallel_too(dtype):
     camera = jax.tree.map(lambda v: v.astype(dtype), Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), N, F, PHI))
     for size in (3e-4, 1e-5, 0.0):
         light = DirectionalLight(np.array([size, size / 2, -1], dtype))
-        matrix = shadow_matrix(camera, light, warpopt.WholeFrustum(), Warp.from_eta(dtype(0.4), dtype(1)))
+        view = SceneView(camera, light)
+        matrix = shadow_matrix(view, Warp.from_eta(dtype(0.4), view.footprint()))
         moved = np.asarray(matrix @ jnp.append(light.direction, 0))[[0, 1, 3]] * 100
         np.testing.assert_allclose(moved, 0, atol=200 * np.finfo(dtype).eps)
 
@@ -231,7 +239,8 @@ def test_the_gradient_is_frozen_where_light_and_view_are_parallel():
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), N, F, PHI)
 
     def matrix(direction):
-        return shadow_matrix(camera, DirectionalLight(direction), warpopt.WholeFrustum(), Warp.from_eta(0.5, 1.0))
+        view = SceneView(camera, DirectionalLight(direction))
+        return shadow_matrix(view, Warp.from_eta(0.5, view.footprint()))
 
     derivative = jax.jit(jax.jacfwd(matrix))
     for size in (0.0, 1e-300, 1e-9):

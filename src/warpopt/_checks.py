@@ -1,6 +1,8 @@
 """Refusing bad input in words: what was named, what was got, what was expected."""
 
-from collections.abc import Callable
+import contextlib
+import contextvars
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import equinox as eqx
@@ -20,7 +22,9 @@ def float_arrays(**named: ArrayLike) -> list[Array]:
     values = {}
     for name, value in named.items():
         try:
-            values[name] = np.asarray(value) if isinstance(value, list | tuple) else value
+            # JAX takes None and the name of a dtype for a dtype.
+            plain = value is None or isinstance(value, list | tuple | str | type)
+            values[name] = np.asarray(value) if plain else value
             dtype = jnp.result_type(values[name])
         except (TypeError, ValueError):
             raise ValueError(f"{name}: got {value!r}, expected real numbers") from None
@@ -28,6 +32,27 @@ def float_arrays(**named: ArrayLike) -> list[Array]:
             raise ValueError(f"{name}: got values of type {dtype}, expected real numbers")
     dtype = jnp.result_type(*values.values(), float)
     return [jnp.asarray(value, dtype) for value in values.values()]
+
+
+def shown(value: Any) -> str:
+    """A value as it is written, or its type where that would take more than a line."""
+    text = repr(value)
+    return text if len(text) <= 60 and "\n" not in text else type(value).__name__
+
+
+def pair(name: str, value: Any, valid: Callable[[Any], Any], expected: str) -> tuple[float, float]:
+    """Two numbers, each valid.
+
+    Raises:
+        ValueError: naming the argument, what was got and what was expected.
+    """
+    try:
+        one, other = map(float, value)
+    except (TypeError, ValueError):
+        one = other = float("nan")
+    if not (valid(one) and valid(other)):
+        raise ValueError(f"{name}: got {shown(value)}, expected {expected}")
+    return one, other
 
 
 def instance(name: str, value: Any, kind: type) -> None:
@@ -38,7 +63,7 @@ def instance(name: str, value: Any, kind: type) -> None:
     """
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
-        raise ValueError(f"{name}: got {value!r}, expected {article} {kind.__name__}")
+        raise ValueError(f"{name}: got {shown(value)}, expected {article} {kind.__name__}")
 
 
 def assembled(kind: type, **fields: Any) -> Any:
@@ -62,15 +87,45 @@ def joint_shape(**named: Array) -> tuple[int, ...]:
         raise ValueError(f"shapes: got {shapes}, expected ones that broadcast") from None
 
 
-def checked(name: str, value: Array, valid: Callable[[Any], Any], expected: str) -> Array:
-    """Return `value` if `valid(value)` holds everywhere.
+_TRUSTED = contextvars.ContextVar("trusted", default=False)
+_SMALL = 1024  # entries: a comparison of its own on the device costs more than these do on the host
+
+
+@contextlib.contextmanager
+def trusted() -> Iterator[None]:
+    """While it lasts, `checked` takes traced values as they are: the caller has checked what they are made of.
+
+    A check of a traced value is a call back to the host, which no compilation cache keeps.
+    """
+    token = _TRUSTED.set(True)
+    try:
+        yield
+    finally:
+        _TRUSTED.reset(token)
+
+
+def checked(name: str, value: Array, valid: Callable[..., Any], expected: str, *others: Array) -> Array:
+    """Return `value` if `valid(value, *others)` holds everywhere.
+
+    Args:
+        name: of the argument.
+        value: its value.
+        valid: of arrays, JAX's or NumPy's, to where the first is good.
+        expected: in words.
+        others: that the first is compared with, of shapes that broadcast.
 
     Raises:
         ValueError: for a concrete value, naming the argument, the first offending entry and what was expected.
             For a traced value the same words come from `equinox.error_if` at run time; use the returned array.
     """
-    good = valid(value)
-    if isinstance(good, jax.core.Tracer) or isinstance(value, jax.core.Tracer):
+    arrays = value, *others
+    traced = any(isinstance(array, jax.core.Tracer) for array in arrays)
+    if traced and _TRUSTED.get():
+        return value
+    if not traced and all(array.size <= _SMALL for array in arrays):
+        arrays = map(np.asarray, arrays)
+    good = valid(*arrays)
+    if traced:
         return eqx.error_if(value, ~good, f"{name}: got a value out of range, expected {expected}")
     good = np.asarray(good)
     if not good.all():

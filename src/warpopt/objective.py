@@ -192,7 +192,8 @@ def objective_or_default(objective: Objective | None) -> Objective:
     if objective is None:
         return Objective()
     if not isinstance(objective, Objective):
-        raise ValueError(f"objective: got {objective!r}, expected a warpopt.Objective, such as Objective('pxq', 'l2')")
+        shown = repr(objective) if isinstance(objective, str | numbers.Real | Metric) else type(objective).__name__
+        raise ValueError(f"objective: got {shown}, expected a warpopt.Objective, such as Objective('pxq', 'l2')")
     return objective
 
 

@@ -33,7 +33,7 @@ class FrustumView(eqx.Module):
     Example:
         >>> import warpopt
         >>> view = warpopt.FrustumView(warpopt.ViewFrustum(near=1.0, far=100.0, half_fov=0.5236), theta=1.5707963)
-        >>> round(float(view.start), 3), float(view.mu)   # V begins 1 before the eye, is 99 long
+        >>> round(float(view.start), 3), round(float(view.mu), 3)   # V begins 1 before the eye, is 99 long
         (1.0, 99.0)
     """
 

@@ -22,14 +22,24 @@ def batch():
 @pytest.mark.parametrize("metric", ["p", "q", "pxq"])
 @pytest.mark.parametrize("norm", ["inf", "l2"])
 def test_batch_of_optimal_warps(benchmark, batch, metric, norm):
-    benchmark(lambda: jax.block_until_ready(warpopt.optimal_warp(*batch, metric, norm, throw=False)))
+    benchmark(
+        lambda: jax.block_until_ready(
+            warpopt.optimal_warp(warpopt.FrustumView(*batch), warpopt.Objective(metric, norm), throw=False)
+        )
+    )
 
 
 def test_one_optimal_warp(benchmark):
     frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5)
-    benchmark(lambda: jax.block_until_ready(warpopt.optimal_warp(frustum, 0.7, "p", "l2")))
+    benchmark(
+        lambda: jax.block_until_ready(
+            warpopt.optimal_warp(warpopt.FrustumView(frustum, 0.7), warpopt.Objective("p", "l2"))
+        )
+    )
 
 
 def test_batch_of_norms(benchmark, batch):
     warp = warpopt.rules.lispsm(*batch)
-    benchmark(lambda: warpopt.error_norm(*batch, warp, "p", "l2").block_until_ready())
+    benchmark(
+        lambda: warpopt.error_norm(warpopt.FrustumView(*batch), warp, warpopt.Objective("p", "l2")).block_until_ready()
+    )

@@ -1,16 +1,20 @@
 """The command line: nothing but the commands, put together. None of them imports JAX before its input is good."""
 
 import dataclasses
+import difflib
 import json
+import os
 import signal
 import sys
 import threading
+import typing
 from typing import Literal, NoReturn
 
 import pydantic
 import tyro
 
 from .common.command import Failed, Plain
+from .common.jax_settings import CACHE_VARIABLE
 from .common.settings import ConfigError
 from .compare.command import Compare
 from .export.command import Export
@@ -38,14 +42,29 @@ Command = Run | Scene | Table | Compare | Export | Solve | Rules | Limit | Schem
 
 def parsed(arguments: list[str] | None = None) -> tuple[Command, list[str]]:
     """The command, and the words that are left for its configuration's keys."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if "--no-cache" in words:
+        words.remove("--no-cache")
+        os.environ[CACHE_VARIABLE] = "0"
+    _refuse_unknown(words)
     return tyro.cli(
         Command,
         prog="warpopt",
-        description="Optimal perspective warps for shadow maps.",
-        args=arguments,
+        description="Optimal perspective warps for shadow maps. Compiled programs are kept in your cache folder; "
+        f"--no-cache, or {CACHE_VARIABLE}=0, keeps and takes none.",
+        args=words,
         return_unknown_args=True,
         config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
     )
+
+
+def _refuse_unknown(words: list[str]) -> None:
+    """Refuse a first word that is no command, with the nearest one."""
+    names = [command.__name__.lower() for command in typing.get_args(Command)]
+    if words and not words[0].startswith("-") and words[0] not in names:
+        near = difflib.get_close_matches(words[0], names, 1)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        _exit(2, f"got {words[0]!r}, expected one of {', '.join(names)}{hint}")
 
 
 def main(arguments: list[str] | None = None) -> None:

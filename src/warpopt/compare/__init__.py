@@ -1,1 +1,1 @@
-"""Rules for lambda beside the optimum and the limit."""
+"""Rules for lambda beside the optimum and the lower bound."""

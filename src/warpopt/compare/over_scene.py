@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
-from .._checks import assembled
+from .._checks import assembled, trusted
 from ..bound.lower_bound import lower_bound
 from ..objective import Objective
 from ..receivers.footprint import Footprint
@@ -42,6 +42,9 @@ def compare_over_scene(view: SceneView, rules: dict[str, Rule], objective: Objec
         )
     count = len(view.light.direction)
     refuse_scene(_one_of(view, 0), objective)
+    lights = jax.tree.map(np.asarray, view.light)
+    for k in range(count):  # receivers may be one light's own
+        view.receivers.check(view.camera, jax.tree.map(lambda v, k=k: v[k], lights), objective)
     by_body = tuple(name for name, rule in rules.items() if takes_body(name, rule))
     by_apex = {name: rule for name, rule in rules.items() if name not in by_body}
     whole = _frusta(view)
@@ -94,7 +97,8 @@ def _over_lights(
         solution = solve_scene(eqx.tree_at(lambda v: v.light, view, light), objective, min_eta)
         footprint = solution.footprint
         body = _body(view, footprint, frustum.half_fov)
-        warps = [KNOWN[name](body, jnp.clip(solution.frame.theta, 0, jnp.pi)) for name in names]
+        with trusted():  # of a solution
+            warps = [KNOWN[name](body, jnp.clip(solution.frame.theta, 0, jnp.pi)) for name in names]
         eta, defined = [warp.eta for warp in warps], [warp.defined for warp in warps]
         if given is not None:
             kept = given.over(footprint)

@@ -1,7 +1,7 @@
 """Which rules are compared: by name, any callable (frustum, theta) -> Warp, or both, checked where they are called."""
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import equinox as eqx
 import jax
@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from .._checks import shown, trusted
 from ..rules import registry
 from ..solve.chunks import in_blocks, in_chunks
 from ..theory.view_frustum import ViewFrustum
@@ -34,6 +35,8 @@ def rule_set(rules: Rules) -> dict[str, Rule]:
         return dict(KNOWN)
     if isinstance(rules, str) or callable(rules):
         rules = [rules]
+    if not isinstance(rules, Iterable):
+        raise RuleError(f"rules: got {shown(rules)}, expected a name, a callable, a list or a dict of these")
     if isinstance(rules, Mapping):
         found = [(name, _rule(rule)) for name, rule in rules.items()]
     else:
@@ -61,7 +64,7 @@ def _rule(rule: str | Rule) -> Rule:
     if isinstance(rule, registry.Rule):
         return rule.function
     if not callable(rule):
-        raise RuleError(f"rules: got {rule!r}, expected a name or a callable (frustum, theta) -> warpopt.Warp")
+        raise RuleError(f"rules: got {shown(rule)}, expected a name or a callable (frustum, theta) -> warpopt.Warp")
     return rule
 
 
@@ -108,7 +111,8 @@ def _own(view: FrustumView, names: tuple[str, ...]) -> list[tuple[Array, Array]]
 
 
 def _own_chunk(view: FrustumView, names: tuple[str, ...]) -> list[tuple[Array, Array]]:
-    warps = [KNOWN[name](view.frustum, view.theta) for name in names]
+    with trusted():  # the view's
+        warps = [KNOWN[name](view.frustum, view.theta) for name in names]
     return [(warp.eta, warp.defined) for warp in warps]
 
 

@@ -55,7 +55,7 @@ class ConvexBody(Receivers):
         (planes,) = float_arrays(planes=planes)
         if planes.ndim != 2 or planes.shape[1] != 4:
             raise ValueError(f"planes: got shape {planes.shape}, expected (K, 4)")
-        planes = checked("planes", planes, lambda p: jnp.isfinite(p), "finite numbers")
+        planes = checked("planes", planes, lambda p: abs(p) < np.inf, "finite numbers")
         largest = jnp.abs(planes[:, :3]).max(1)  # first, so that no square over- or underflows
         planes = planes / checked("planes", largest, lambda v: v > 0, "normals that are not zero")[:, None]
         self.planes = planes / jnp.sqrt((planes[:, :3] ** 2).sum(1))[:, None]
@@ -73,7 +73,7 @@ class ConvexBody(Receivers):
         for name, value in (("lower", lower), ("upper", upper)):
             if value.shape != (3,):
                 raise ValueError(f"{name}: got shape {value.shape}, expected (3,)")
-            checked(name, value, lambda v: ~jnp.isnan(v), "numbers")
+            checked(name, value, lambda v: v == v, "numbers")
         reach = _reach(lower.dtype)
         lower, upper = (jnp.clip(value, -reach, reach) for value in (lower, upper))
         eye = jnp.eye(3, dtype=lower.dtype)

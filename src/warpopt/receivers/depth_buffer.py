@@ -67,7 +67,7 @@ class DepthBuffer(Receivers):
         if encoding not in ("linear", "standard", "reversed"):
             raise ValueError(f"encoding: got {encoding!r}, expected 'linear', 'standard' or 'reversed'")
         if encoding == "linear":
-            self.depth = checked("depth", depth, lambda d: ~jnp.isnan(d), "eye depths, not NaN")
+            self.depth = checked("depth", depth, lambda d: d == d, "eye depths, not NaN")
         else:
             self.depth = checked("depth", depth, lambda d: (d >= 0) & (d <= 1), "numbers in [0, 1]")
         self.encoding = encoding

@@ -48,11 +48,11 @@ class DepthHistogram(Receivers):
         edges, counts = float_arrays(edges=edges, counts=counts)
         if edges.ndim != 1 or counts.shape != (len(edges) - 1,) or not len(counts):
             raise ValueError(f"counts: got shape {counts.shape} with edges {edges.shape}, expected one count for a bin")
-        edges = checked("edges", edges, lambda e: jnp.isfinite(e) & (e > 0), "finite depths > 0")
+        edges = checked("edges", edges, lambda e: (e > 0) & (e < np.inf), "finite depths > 0")
         self.edges = checked(
             "edges", edges, lambda e: jnp.concatenate([jnp.diff(e) > 0, jnp.ones(1, bool)]), "increasing depths"
         )
-        self.counts = checked("counts", counts, lambda c: jnp.isfinite(c) & (c >= 0), "finite numbers >= 0")
+        self.counts = checked("counts", counts, lambda c: (c >= 0) & (c < np.inf), "finite numbers >= 0")
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`. Each bin is a slab of the frustum, and a group."""

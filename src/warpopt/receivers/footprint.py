@@ -51,6 +51,13 @@ class Footprint(eqx.Module):
         empty: no receivers at all.
         flat: all receivers at one depth along Z_w, up to rounding: nothing to warp.
         grouped: whether some group holds more than one receiver.
+
+    Example:
+        >>> import warpopt
+        >>> camera = warpopt.Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=0.5236)
+        >>> footprint = warpopt.SceneView(camera, warpopt.DirectionalLight((0, -1, 0))).footprint()
+        >>> round(float(footprint.start), 3), round(float(footprint.mu), 3)   # the whole frustum, from n to f
+        (1.0, 99.0)
     """
 
     start: Float[Array, ""]

@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
@@ -50,8 +51,8 @@ class PointReceivers(Receivers):
         points, weights = float_arrays(points=points, weights=weights)
         if weights.shape != points.shape[:1]:
             raise ValueError(f"weights: got shape {weights.shape}, expected {points.shape[:1]}, one for each point")
-        self.points = checked("points", points, lambda v: jnp.isfinite(v), "finite numbers")
-        self.weights = checked("weights", weights, lambda w: jnp.isfinite(w) & (w >= 0), "finite numbers >= 0")
+        self.points = checked("points", points, lambda v: abs(v) < np.inf, "finite numbers")
+        self.weights = checked("weights", weights, lambda w: (w >= 0) & (w < np.inf), "finite numbers >= 0")
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`. Exact for at most `BINS` points, conservative beyond: `Footprint`'s groups."""

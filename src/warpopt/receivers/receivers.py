@@ -24,6 +24,20 @@ class Receivers(eqx.Module):
     Attributes:
         measures: the measures that L_P norms over this kind may be taken over; a set has weights of its own.
         one_at_a_time: whether one view's pass fills the machine, so that views are solved one after the other.
+
+    Example:
+        >>> import jax, jax.numpy as jnp, warpopt
+        >>> class Posts(Receivers):   # a kind that is put together from another
+        ...     feet: jax.Array
+        ...
+        ...     def footprint(self, camera, frame, objective):
+        ...         ends = jnp.concatenate([self.feet, self.feet + jnp.array([0.0, 2.0, 0.0])])
+        ...         return warpopt.receivers.PointReceivers(ends).footprint(camera, frame, objective)
+        >>> camera = warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=500.0, half_fov=0.4)
+        >>> posts = Posts(jnp.array([[0.0, 0.0, -8.0], [3.0, 0.0, -80.0]]))
+        >>> view = warpopt.SceneView(camera, warpopt.DirectionalLight((0, -1, 0)), posts)
+        >>> round(float(warpopt.optimal_warp(view).warp.mu), 3)   # they stand from z = 8 to 80
+        72.0
     """
 
     measures: ClassVar[tuple[str, ...]] = ("screen",)

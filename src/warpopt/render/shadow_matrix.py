@@ -9,7 +9,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from .._checks import checked, float_arrays, instance
+from .._checks import checked, float_arrays, instance, pair
 from ..objective import Objective
 from ..receivers.footprint import Footprint
 from ..solve.solution import SceneSolution, Solution, warp_of
@@ -97,8 +97,7 @@ def shadow_matrix(
         [0.0, -1.0]
     """
     clip_space = _checked_clip_space(clip_space)
-    if not (isinstance(padding, tuple | list) and len(padding) == 2 and all(0 <= v < 0.5 for v in padding)):
-        raise ValueError(f"padding: got {padding!r}, expected two fractions in [0, 1/2)")
+    padding = pair("padding", padding, lambda v: 0 <= v < 0.5, "two fractions in [0, 1/2)")
     instance("view", view, SceneView)
     one_light(view).receivers.check(view.camera, view.light, None)
     warp = warp_of(warp)
@@ -108,9 +107,8 @@ def shadow_matrix(
         (casters,) = float_arrays(casters=casters)
         if casters.ndim != 2 or casters.shape[1] != 3:
             raise ValueError(f"casters: got shape {casters.shape}, expected (N, 3)")
-        if not isinstance(casters, jax.core.Tracer):  # of traced ones, a NaN shows in the matrix
-            casters = checked("casters", casters, lambda v: jnp.isfinite(v), "finite numbers")
-    matrix, lost = _matrix(view, warp, casters, clip_space, tuple(padding))
+        casters = checked("casters", casters, lambda v: abs(v) < np.inf, "finite numbers")
+    matrix, lost = _matrix(view, warp, casters, clip_space, padding)
     refuse_lost(lost)
     return matrix
 
@@ -176,8 +174,7 @@ def texel_snap(
     (matrix,) = float_arrays(matrix=matrix)
     if matrix.shape != (4, 4):
         raise ValueError(f"matrix: got shape {matrix.shape}, expected (4, 4)")
-    if not isinstance(resolution, tuple | list) or len(resolution) != 2 or not all(size > 0 for size in resolution):
-        raise ValueError(f"resolution: got {resolution!r}, expected two positive numbers")
+    resolution = pair("resolution", resolution, lambda v: v > 0, "two positive numbers")
     columns = matrix.T if clip_space.row_vectors else matrix
     last = checked(
         "matrix", columns[3], lambda row: row == jnp.array([0, 0, 0, 1]), "an unwarped one: w = 1 for every point"

@@ -9,6 +9,7 @@ it; docs/corrections.md has whose n and f each takes.
 from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
@@ -107,7 +108,13 @@ def space_of(frustum: ViewFrustum | Body, theta: ArrayLike) -> LightSpace | Body
         ValueError: theta outside [0, pi].
     """
     theta = checked_theta(theta, frustum)
-    return BodySpace(frustum, theta) if isinstance(frustum, Body) else LightSpace(frustum, theta)
+    return BodySpace(frustum, theta) if isinstance(frustum, Body) else _light_space(frustum, theta)
+
+
+# One function of its own: many rules in one program are then traced and lowered with it once.
+@jax.jit
+def _light_space(frustum: ViewFrustum, theta: Array) -> LightSpace:
+    return LightSpace(frustum, theta)
 
 
 def camera_planes(frustum: ViewFrustum | Body) -> tuple[Array, Array]:

@@ -15,7 +15,6 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 from jaxtyping import Array, Float, Int
 
 from .._numerics import horner
@@ -23,7 +22,6 @@ from ..objective import Objective
 from ..receivers.footprint import Footprint
 from ..receivers.moments import Moments
 from ..theory.light_space import LightDepth
-from .bracketed_newton import BracketedNewton
 from .outcome import Outcome
 
 
@@ -175,6 +173,10 @@ def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> FootprintOptimum:
     helps = (margin > noise) & ~nothing
     inside = helps & (at_floor < 0)
     middle = (lower + upper) / 2
+    import optimistix as optx  # see `positive_root`
+
+    from .bracketed_newton import BracketedNewton
+
     root = optx.root_find(
         lambda u, _: (jnp.where(inside, rise(u, None)[0] - noise, u - middle), None),
         BracketedNewton(rtol=0.5 * eps**0.5, atol=0.0),

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._checks import checked, float_arrays
+from .._checks import checked, float_arrays, joint_shape
 from ..objective import Objective, objective_or_default
 from ..theory.warp import Warp, refuse_lost
 from ..views import FrustumView, SceneView, refuse_other
@@ -98,6 +98,7 @@ def error_norm(
     how = _checked_method("auto", quadrature_nodes)
     if isinstance(view, FrustumView):
         objective.metric  # noqa: B018, raises: one term
+        joint_shape(frustum=view.frustum.near, theta=view.theta, warp=warp.eta)
         values, lost = in_blocks(norms_over_frusta, (view.frustum, view.theta, warp), objective, how)
     else:
         if how != Method():

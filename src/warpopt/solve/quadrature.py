@@ -16,7 +16,6 @@ from jaxtyping import Array, Float
 from ..objective import Objective
 from ..receivers.depth_integrals import log_depth_nodes
 from ..theory.light_space import LightDepth, LightSpace
-from .bracketed_newton import increasing_root
 from .closed_form import Optimum, kink
 from .outcome import Outcome
 
@@ -54,6 +53,8 @@ class QuadratureMean(eqx.Module):
 
     def minimise(self) -> Optimum:
         """The global minimiser: signs at eta = 1 and at the kink first, then one bracketed root."""
+        from .bracketed_newton import increasing_root  # see `positive_root`
+
         objective, space = self.objective, self.space
         zero = jnp.zeros_like(space.mu)
         far = space.edge(0.0)[1]

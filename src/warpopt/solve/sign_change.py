@@ -14,7 +14,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._numerics import horner, larger, over, power
-from .bracketed_newton import increasing_root
 
 # A polynomial, highest power first: static powers, one array of coefficients each.
 Polynomial = tuple[tuple[int, ...], tuple[Float[Array, "..."], ...]]
@@ -79,6 +78,8 @@ def positive_root(polynomial: Polynomial, iterative: bool) -> tuple[Float[Array,
     if len(gaps) == 1 and len(powers) <= 3 and not iterative:
         root = power(_linear_or_quadratic(coefficients), 1 / gaps.pop())
         return root, jnp.ones(root.shape, bool)
+    from .bracketed_newton import increasing_root  # optimistix takes a tenth of a second, and L-inf has no use for it
+
     condition = _LogRatio(powers)
     at_one = condition(jnp.zeros_like(coefficients[0]), coefficients)
     # The slope of the log-ratio lies between the smallest gap that can separate its two parts and the whole span.

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
-from .._checks import checked
+from .._checks import checked, shown
 from ..objective import Metric, Objective
 from ..receivers.footprint import Footprint
 from ..theory.aliasing import aggregate, errors
@@ -118,7 +118,7 @@ def warp_of(warp: Warp | Solution | SceneSolution) -> Warp:
     if isinstance(warp, Solution | SceneSolution):
         return warp.warp
     if not isinstance(warp, Warp):
-        raise ValueError(f"warp: got {warp!r}, expected a warpopt.Warp or a solution")
+        raise ValueError(f"warp: got {shown(warp)}, expected a warpopt.Warp or a solution")
     return warp
 
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
+from .._checks import instance
 from .._numerics import larger, power, smaller
 from ..objective import Metric, Objective
 from .light_space import LightDepth, LightSpace, checked_theta
@@ -39,18 +40,30 @@ def errors(
         eta: of the warp.
         along: (screen units per unit slope along the warp) mu / z: E_p without a warp.
         across: (screen units per unit slope across it) (width that the map spans at A = 1) / z.
+
+    Example:
+        >>> errors(blend=0.5, eta=0.25, along=2.0, across=3.0)   # A = 1 and eta = 1 give `along` and `across`
+        (2.0, 1.5)
     """
     return along * blend * (blend / eta), across * blend
 
 
 def aggregate(terms: tuple[Metric, ...], e_p: Float[Array, "..."], e_q: Float[Array, "..."]) -> Float[Array, "..."]:
-    """The largest of E_p^alpha E_q^beta over the terms of a metric."""
+    """The largest of E_p^alpha E_q^beta over the terms of a metric.
+
+    Example:
+        >>> import jax.numpy as jnp, warpopt
+        >>> e_p, e_q = jnp.array([2.0, 1.0]), jnp.array([1.5, 3.0])
+        >>> [aggregate(warpopt.Objective(name).terms, e_p, e_q).tolist() for name in ("pxq", "max")]
+        [[3.0, 3.0], [2.0, 3.0]]
+    """
     values = [power(e_p, term.alpha) * power(e_q, term.beta) for term in terms]
     return functools.reduce(larger, values)
 
 
 def _over(warp: Warp, space: LightSpace) -> Warp:
     """The warp over V, whatever body it was made for."""
+    instance("warp", warp, Warp)
     own = warp.over(space)
     refuse_lost(warp.lost_over(own))
     return own

@@ -55,7 +55,7 @@ class Camera(eqx.Module):
         position, forward, up = _vectors(position=position, forward=forward, up=up)
         near, far, half_fov, aspect = _numbers(near=near, far=far, half_fov=half_fov, aspect=aspect)
         near = checked("near", near, lambda v: (v > 0) & (v < np.inf), "a finite number > 0")
-        far = checked("far", far, lambda v: v > near, "a number > near, or inf")
+        far = checked("far", far, lambda v, near: v > near, "a number > near, or inf", near)
         half_fov = checked("half_fov", half_fov, lambda v: (v > 0) & (v < np.pi / 2), "radians in (0, pi/2)")
         aspect = checked("aspect", aspect, lambda v: (v > 0) & (v < np.inf), "a finite number > 0")
         top = jnp.tan(half_fov)
@@ -139,7 +139,7 @@ class Camera(eqx.Module):
         window = checked(
             "window",
             window,
-            lambda w: jnp.isfinite(w) & (w[0] < w[1]) & (w[2] < w[3]),
+            lambda w: (abs(w) < np.inf) & (w[0] < w[1]) & (w[2] < w[3]),
             "finite slopes with left < right and bottom < top",
         )
         camera = cls(position, forward, up, near, far, 0.5, handedness=handedness)
@@ -224,7 +224,7 @@ def _vectors(**named: ArrayLike) -> list[Array]:
         if value.shape != (3,):
             raise ValueError(f"{name}: got shape {value.shape}, expected (3,); use jax.vmap for more than one")
     return [
-        checked(name, value, lambda v: jnp.isfinite(v), "finite numbers")
+        checked(name, value, lambda v: abs(v) < np.inf, "finite numbers")
         for name, value in zip(named, values, strict=True)
     ]
 

@@ -13,13 +13,19 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import checked, float_arrays, joint_shape
+from .._checks import checked, float_arrays, joint_shape, shown
 from .._numerics import horner
 from .view_frustum import ViewFrustum
 
 
 class LightDepth(NamedTuple):
-    """A normalised depth along the warping axis Z_w, carried with its complement so that neither is a difference."""
+    """A normalised depth along the warping axis Z_w, carried with its complement so that neither is a difference.
+
+    Example:
+        >>> depth = LightDepth(delta=0.25, one_minus_delta=0.75)
+        >>> depth.blend(1.0), depth.blend(0.2)   # z_w for no warp, and for a warp
+        (1.0, 0.4)
+    """
 
     delta: Float[Array, "..."]
     one_minus_delta: Float[Array, "..."]
@@ -33,8 +39,11 @@ def checked_theta(theta: ArrayLike, frustum: ViewFrustum) -> Float[Array, "..."]
     """theta as an array of the frustum's dtype.
 
     Raises:
-        ValueError: outside [0, pi], or NaN, or of a shape that does not broadcast with the frustum.
+        ValueError: outside [0, pi], or NaN, or of a shape that does not broadcast with the frustum; what is no frustum
+            (a camera).
     """
+    if not (hasattr(frustum, "near") and hasattr(frustum, "half_fov")):
+        raise ValueError(f"frustum: got {shown(frustum)}, expected a ViewFrustum")
     theta, near = float_arrays(theta=theta, near=frustum.near)
     joint_shape(theta=theta, frustum=near)
     # float32(pi), which lies 9e-8 beyond pi: what a user of float32 can write, also after promotion.
@@ -105,7 +114,7 @@ class LightSpace(eqx.Module):
 
     @property
     def mu(self) -> Float[Array, "..."]:
-        """LightDepth range of the warping frustum, VN (13)."""
+        """Depth range of the warping frustum, VN (13)."""
         return self.near * self.mu_over_near
 
     @property
@@ -123,11 +132,11 @@ class LightSpace(eqx.Module):
         return near, far
 
     def depth_uz(self, u: Float[Array, "..."], z: Float[Array, "..."]) -> LightDepth:
-        """LightDepth of the points at height fraction u in [0, 1] and eye depth z."""
+        """Depth of the points at height fraction u in [0, 1] and eye depth z."""
         return self._depth(z, z * u * self.slope * 2, z * (1 - u) * self.slope * 2)
 
     def depth_yz(self, y: Float[Array, "..."], z: Float[Array, "..."]) -> LightDepth:
-        """LightDepth of the points at eye coordinates (y, z).
+        """Depth of the points at eye coordinates (y, z).
 
         On the upper plane y = z tan(phi) is itself a cancellation: A's relative error there is up to eps / eta,
         whatever the formula. `depth_uz` has no such weakness.

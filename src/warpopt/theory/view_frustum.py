@@ -38,7 +38,9 @@ class ViewFrustum(eqx.Module):
         near, far, half_fov = (jnp.broadcast_to(v, shape) for v in (near, far, half_fov))
         self.near = checked("near", near, lambda v: (v > 0) & (v < np.inf), "a finite number > 0")
         largest = jnp.finfo(far.dtype).max
-        self.far = checked("far", far, lambda v: (v > near) & (v / near <= largest), "a finite number > near")
+        self.far = checked(
+            "far", far, lambda v, near: (v > near) & (v / near <= largest), "a finite number > near", near
+        )
         self.half_fov = checked("half_fov", half_fov, lambda v: (v > 0) & (v < np.pi / 2), "radians in (0, pi/2)")
 
     @property

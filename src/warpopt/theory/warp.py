@@ -22,7 +22,7 @@ class Body(Protocol):
 
     @property
     def mu(self) -> Float[Array, "..."]:
-        """LightDepth range along Z_w, > 0."""
+        """Depth range along Z_w, > 0."""
         ...
 
 
@@ -170,4 +170,5 @@ def _with_extent(name: str, value: ArrayLike, body: Body) -> tuple[Array, Array,
             f"body: got {type(body).__name__}, expected what has a start and a mu, as a FrustumView or an Extent has"
         )
     value, start, mu = float_arrays(**{name: value, "start": body.start, "mu": body.mu})
+    start = checked("start", start, lambda v: abs(v) < jnp.inf, "a finite length")
     return value, start, checked("mu", mu, lambda v: v > 0, "a length > 0")

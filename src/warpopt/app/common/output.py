@@ -52,7 +52,9 @@ def whole_folder(directory: Path) -> Iterator[Path]:
     directory = directory.resolve()  # through links, so that what they point to is replaced
     try:
         directory.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{directory.name}.", suffix=".part", dir=directory.parent))
+        _clear_away(directory)
+        mine = f".{directory.name}.{os.getpid()}-"
+        temporary = Path(tempfile.mkdtemp(prefix=mine, suffix=".part", dir=directory.parent))
     except OSError as error:
         raise ConfigError(f"output.directory: {directory.parent} cannot be written: {error.strerror}") from None
     try:
@@ -70,6 +72,28 @@ def whole_folder(directory: Path) -> Iterator[Path]:
         shutil.rmtree(aside, ignore_errors=True)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _clear_away(directory: Path) -> None:
+    """Remove what killed runs of the same output left beside it, and put back a result that one had moved aside."""
+    for left in directory.parent.glob(f".{directory.name}.*-*"):
+        process = left.name.removeprefix(f".{directory.name}.").partition("-")[0]
+        if left.suffix not in (".part", ".old") or not process.isdigit() or _alive(int(process)):
+            continue
+        if left.suffix == ".old" and not directory.exists():
+            left.rename(directory)
+        else:
+            shutil.rmtree(left, ignore_errors=True)
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # somebody else's
+        return True
+    return True
 
 
 def _umask() -> int:

@@ -6,17 +6,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import rich
 from jax.typing import ArrayLike
 from rich.table import Table
 
 import warpopt
+from warpopt.objective import Objective
 
 from ..common.output import whole_files
 from ..common.record import finite_or_none
 from ..common.settings import ConfigError
-from ..frusta.problem import View
-from ..frusta.solve import OptimumCurves, compute_sweep
 from .settings import Problem
 
 
@@ -26,35 +26,41 @@ def _view(problem: Problem, theta: ArrayLike) -> "warpopt.FrustumView":
     )  # fmt: skip
 
 
-def _swept(problem: Problem) -> OptimumCurves:
-    view = View(problem.near, problem.far, problem.half_fov_deg)
-    sweep = compute_sweep((view,), (), [problem.theta_deg], [problem.objective_value()])
-    return sweep.optima[0]
+def _optimum(problem: Problem) -> dict[str, Any]:
+    view, objective = _view(problem, math.radians(problem.theta_deg)), problem.objective_value()
+    bound = None if objective.no_bound_because else warpopt.lower_bound(view, objective)
+    return _answer(problem, warpopt.optimal_warp(view, objective, throw=False), bound)
 
 
-def _optimum(problem: Problem, optimum: OptimumCurves) -> dict[str, Any]:
-    outcome = warpopt.Outcome(int(optimum.result[0, 0]))
-    lam = float(optimum.lam[0, 0])
+def _answer(problem: Problem, solution: "warpopt.Solution", bound: ArrayLike | None) -> dict[str, Any]:
+    """One optimum and its lower bound, under the keys of what is printed."""
+    objective, warp = problem.objective_value(), solution.warp
+    eta, rest, mu, value, residual = (
+        np.asarray(v).item() for v in (warp.eta, warp.one_minus_eta, warp.mu, solution.value, solution.residual)
+    )
+    outcome = warpopt.Outcome(np.asarray(solution.result).item())
+    lam_over_mu = eta / rest if rest else math.inf
+    limit = math.nan if bound is None else np.asarray(bound).item()
     return {
         **problem.model_dump(),
-        "eta": finite_or_none(optimum.eta[0, 0]),
-        "lambda_over_mu": finite_or_none(optimum.lam_over_mu[0, 0]),
-        "lambda": finite_or_none(lam),
-        "no_warp": math.isinf(lam),
-        "value": finite_or_none(optimum.value[0, 0]),
-        "limit": finite_or_none(optimum.limit[0, 0]),
-        "over_limit": finite_or_none(optimum.over_limit[0, 0]),
-        "no_limit_because": _no_limit_because(optimum),
+        "eta": finite_or_none(eta),
+        "lambda_over_mu": finite_or_none(lam_over_mu),
+        "lambda": finite_or_none(lam_over_mu * mu),
+        "no_warp": rest == 0,
+        "value": finite_or_none(value),
+        "limit": finite_or_none(limit),
+        "over_limit": finite_or_none(value / limit) if limit > 0 else None,
+        "no_limit_because": _no_limit_because(objective, limit),
         "outcome": outcome.name,
         "outcome_sentence": outcome.sentence,
-        "residual": finite_or_none(optimum.residual[0, 0]),
+        "residual": finite_or_none(residual),
     }
 
 
-def _no_limit_because(optimum: OptimumCurves) -> str | None:
-    if optimum.no_limit_because or optimum.limit[0, 0] > 0:
-        return optimum.no_limit_because
-    return "All receivers are at one depth: the limit is 0." if optimum.limit[0, 0] == 0 else "The limit is not finite."
+def _no_limit_because(objective: Objective, limit: float) -> str | None:
+    if objective.no_bound_because or limit > 0:
+        return objective.no_bound_because
+    return "All receivers are at one depth: the limit is 0." if limit == 0 else "The limit is not finite."
 
 
 def _objective(problem: Problem) -> str:
@@ -69,7 +75,7 @@ def _shown(value: Any, no_warp: bool = False, digits: int = 10) -> str:
 
 def solve(problem: Problem, as_json: bool) -> int:
     """Print the optimal warp; 0 if it was found, 1 if not."""
-    answer = _optimum(problem, _swept(problem))
+    answer = _optimum(problem)
     if as_json:
         print(json.dumps(answer, indent=2, allow_nan=False))
     else:
@@ -86,9 +92,9 @@ def solve(problem: Problem, as_json: bool) -> int:
 
 def rules(problem: Problem, as_json: bool) -> int:
     """Print every rule, published and engines', beside the optimum; 0 if the optimum was found, 1 if not."""
-    answer = _optimum(problem, _swept(problem))
     view = _view(problem, [math.radians(problem.theta_deg)])
     compared = warpopt.compare_rules(view, None, problem.objective_value())
+    answer = _answer(problem, compared.solution, compared.bound)
     warps = warpopt.Warp.from_eta(compared.eta[:, 0], compared.solution.warp)
     over_limit = None if compared.over_bound is None else compared.over_bound[:, 0]
     rows = {
@@ -135,7 +141,7 @@ def write_limit_map(problem: Problem, files: Sequence[Path]) -> int:
     except ValueError as error:
         raise ConfigError(str(error)) from None
     whole_files({path: best.encoded(path) for path in files})
-    optimum = float(_swept(problem).over_limit[0, 0])
+    optimum = _optimum(problem)["over_limit"]
     print(f"{len(best.delta)} knots; {_objective(problem)}: {best.value:.6g}")
     print(f"The optimal perspective warp's is {optimum:.4g} times that.")
     for path in files:

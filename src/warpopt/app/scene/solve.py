@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 import warpopt
+from warpopt._checks import trusted
 from warpopt.objective import Objective
 
 from ..common.error_maps import Mapping
@@ -100,10 +101,11 @@ def _over_lights(
     """Every light of a view."""
 
     def one(light) -> _Found:
-        reduced = eqx.tree_at(lambda v: v.light, view, light).reduced(objective)
-        solution = warpopt.optimal_warp(reduced, objective, min_eta=min_eta, throw=False)
+        with trusted():  # read and checked before
+            reduced = eqx.tree_at(lambda v: v.light, view, light).reduced(objective)
+            solution = warpopt.optimal_warp(reduced, objective, min_eta=min_eta, throw=False)
+            matrix = warpopt.shadow_matrix(reduced, solution, convention, casters=casters)
         warp, half_widths = solution.warp, solution.footprint.half_widths
-        matrix = warpopt.shadow_matrix(reduced, solution, convention, casters=casters)
         widths = (sum(half_widths(eta)) for eta in (warp.eta, jax.numpy.ones_like(warp.eta)))
         return _Found(solution, matrix, warp.lam, warp.lam_over_mu, *widths)
 

@@ -16,6 +16,7 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import ConnectionPatch, Polygon
 
 import warpopt
+from warpopt._checks import trusted
 from warpopt.theory import aliasing_error, texture_coordinates
 
 from ..common import figure_style as style
@@ -72,13 +73,14 @@ def _single(view: View) -> "warpopt.ViewFrustum":
 
 
 def _errors(frustum: "warpopt.ViewFrustum", theta: np.ndarray, y: jax.Array, z: jax.Array) -> jax.Array:
-    published = [rule(frustum, theta) for rule in (warpopt.rules.ssm, warpopt.rules.lispsm, warpopt.rules.tsm)]
     every = []
-    for metric in METRICS:
+    with trusted():  # of settings
+        published = [rule(frustum, theta) for rule in (warpopt.rules.ssm, warpopt.rules.lispsm, warpopt.rules.tsm)]
         view = warpopt.FrustumView(frustum, theta)
-        best = warpopt.optimal_warp(view, warpopt.Objective(metric), throw=False).warp
-        warps = jax.tree.map(lambda *fields: jnp.stack(fields)[..., None, None, None], *published, best)
-        every.append(aliasing_error(frustum, theta[:, None, None, None], warps, y, z, metric))
+        for metric in METRICS:
+            best = warpopt.optimal_warp(view, warpopt.Objective(metric), throw=False).warp
+            warps = jax.tree.map(lambda *fields: jnp.stack(fields)[..., None, None, None], *published, best)
+            every.append(aliasing_error(frustum, theta[:, None, None, None], warps, y, z, metric))
     return jnp.stack(every)
 
 
@@ -256,9 +258,10 @@ def _mapped(
     frustum: "warpopt.ViewFrustum", kappa: float, xi: float, x: jax.Array, y: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """TSM's lambda / mu at theta = 0, and (t, s) of points of the far plane without and with its warp."""
-    tsm = warpopt.rules.tsm(frustum, 0.0, kappa, xi)
-    warps = (warpopt.rules.ssm(frustum, 0.0), tsm)
-    maps = [jnp.stack(texture_coordinates(frustum, 0.0, warp, x, y, frustum.far), -1) for warp in warps]
+    with trusted():  # of settings
+        tsm = warpopt.rules.tsm(frustum, 0.0, kappa, xi)
+        warps = (warpopt.rules.ssm(frustum, 0.0), tsm)
+        maps = [jnp.stack(texture_coordinates(frustum, 0.0, warp, x, y, frustum.far), -1) for warp in warps]
     return tsm.lam_over_mu, jnp.stack(maps)
 
 

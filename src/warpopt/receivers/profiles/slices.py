@@ -62,10 +62,10 @@ def sliced_stretches(camera: Camera, frame: LightFrame, solid: Solid, order: flo
 def body_shares(
     camera: Camera, frame: LightFrame, solid: Solid, order: float
 ) -> tuple[Float[Array, " S"], Float[Array, " S"], Float[Array, "S N"], Float[Array, ""]]:
-    """(where stretches of depth begin, their lengths, each node's part of the integral of W^(1/(P+1)), the limit).
+    """(where stretches of depth begin, their lengths, each node's part of the integral of W^(1/(P+1)), the bound).
 
     The nodes along a stretch, and the ends of their parts, are those of `depth_cells`. Stretches come in any order,
-    some of no length. The limit is in `scene_limit`'s units, 0 for no receivers or one depth, in either dtype.
+    some of no length. The bound is in `lower_bound`'s units, 0 for no receivers or one depth, in either dtype.
     Derivatives are finite, and right but where the depths of two corners tie, a kink.
     """
     planes, between, weights, exponent = solid.planes, solid.between, solid.weights, solid.exponent

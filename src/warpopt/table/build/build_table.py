@@ -7,7 +7,7 @@ from collections.abc import Generator
 import jax
 import numpy as np
 
-from ..._checks import instance
+from ..._checks import instance, pair
 from ...objective import Objective, objective_or_default
 from ...theory.view_frustum import ViewFrustum
 from .greedy import Grid
@@ -114,17 +114,20 @@ def _ranges(frustum: ViewFrustum, theta_range, depth_ratio_range, half_fov_range
     instance("frustum", frustum, ViewFrustum)
     if frustum.near.shape:
         raise ValueError(f"frustum: got shape {frustum.near.shape}, expected one frustum")
-    first, last = theta_range
+    first, last = pair("theta_range", theta_range, math.isfinite, "two angles")
     if not 0 <= first < last <= math.pi / 2:
         raise ValueError(f"theta_range: got {theta_range!r}, expected 0 <= first < last <= pi/2")
     ratio, half_fov = float(frustum.depth_ratio), float(frustum.half_fov)
-    ratios = (ratio, ratio) if depth_ratio_range is None else tuple(map(float, depth_ratio_range))
-    fovs = (half_fov, half_fov) if half_fov_range is None else tuple(map(float, half_fov_range))
+    ratios, fovs = (ratio, ratio), (half_fov, half_fov)
+    if depth_ratio_range is not None:
+        ratios = pair("depth_ratio_range", depth_ratio_range, math.isfinite, "two numbers")
+    if half_fov_range is not None:
+        fovs = pair("half_fov_range", half_fov_range, math.isfinite, "two angles")
     if depth_ratio_range is not None and not 1 < ratios[0] < ratios[1] <= 1e12:
         raise ValueError(f"depth_ratio_range: got {depth_ratio_range!r}, expected 1 < smallest < largest <= 1e12")
     if half_fov_range is not None and not 0 < fovs[0] < fovs[1] < math.pi / 2:
         raise ValueError(f"half_fov_range: got {half_fov_range!r}, expected 0 < smallest < largest < pi/2")
-    return Ranges((float(first), float(last)), ratios, fovs)
+    return Ranges((first, last), ratios, fovs)
 
 
 # Each yields (rows, what they are to keep), and is sent the points (P, 3) at which they did not.

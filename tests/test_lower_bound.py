@@ -12,22 +12,25 @@ import scipy.optimize
 import twin
 from hypothesis import given, settings
 from twin import mp, mpf
-from warpopt.solve.body_limit import body_shares
 
 import warpopt
-from warpopt.theory.light_frame import LightFrame
+from warpopt import FrustumView, Objective, SceneView, lower_bound, lower_bound_map
+from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, PointReceivers
+from warpopt.receivers.profiles.slices import Solid, body_shares
+from warpopt.theory import LightFrame
 
 EPS = np.finfo(np.float64).eps
 PAPER = warpopt.ViewFrustum(1.0, 100.0, scenes.PHI)
 FRUSTUM, THETA = scenes.batch()
-POINTS = warpopt.PointReceivers(np.ones((2, 3)))
-HISTOGRAM = warpopt.DepthHistogram((1.0, 4.0, 30.0, 100.0), (2.0, 1.0, 1.0))  # all of PAPER
+VIEW = FrustumView(FRUSTUM, THETA)
+POINTS = PointReceivers(np.ones((2, 3)))
+HISTOGRAM = DepthHistogram((1.0, 4.0, 30.0, 100.0), (2.0, 1.0, 1.0))  # all of PAPER
 KINDS = [("inf", "screen"), ("l1", "screen"), ("l2", "volume"), ("l1", "axis"), (2.5, "ground")]
 
 
 @jax.jit
 def limits(frustum, theta):
-    return [warpopt.limit(frustum, theta, "p", norm, measure) for norm, measure in KINDS]
+    return [lower_bound(FrustumView(frustum, theta), Objective("p", norm, measure)) for norm, measure in KINDS]
 
 
 def rows(s):
@@ -91,11 +94,12 @@ def test_against_raw_geometry(values, tag):
 def test_the_closed_form_and_the_papers_ratios():
     """((b + a-) ln(f/n) + 2 T) / tan(phi), and optimum / limit at 90, 30 and 10 degrees."""
     theta = np.deg2rad([90.0, 30.0, 10.0])
-    ratio = warpopt.optimal_warp(PAPER, theta).value / warpopt.limit(PAPER, theta)
+    view = FrustumView(PAPER, theta)
+    ratio = warpopt.optimal_warp(view).value / lower_bound(view)
     np.testing.assert_allclose(ratio, [2.15, 1.96, 16.3], rtol=3e-3)
     s, T = np.sin(theta), np.tan(scenes.PHI) * np.cos(theta)
     exact = ((s + T + np.maximum(T - s, 0)) * np.log(100) + 2 * T) / np.tan(scenes.PHI)
-    np.testing.assert_allclose(warpopt.limit(PAPER, theta), exact, rtol=16 * EPS)
+    np.testing.assert_allclose(lower_bound(view), exact, rtol=16 * EPS)
 
 
 def test_the_logarithmic_map_attains_it_under_an_overhead_light():
@@ -103,8 +107,8 @@ def test_the_logarithmic_map_attains_it_under_an_overhead_light():
     z = np.linspace(1, 100, 40)
     slope = 99 / (z * np.log(100))  # ds / d delta
     e_p = 99 / (z * np.tan(scenes.PHI) * slope)
-    np.testing.assert_allclose(e_p, float(warpopt.limit(PAPER, np.pi / 2)), rtol=16 * EPS)
-    best = warpopt.limit_map(PAPER, np.pi / 2)
+    np.testing.assert_allclose(e_p, float(lower_bound(FrustumView(PAPER, np.pi / 2))), rtol=16 * EPS)
+    best = lower_bound_map(FrustumView(PAPER, np.pi / 2))
     np.testing.assert_allclose(best(best.delta), np.log1p(99 * best.delta) / np.log(100), atol=1e-13)
 
 
@@ -139,7 +143,8 @@ def test_single_precision(values):
 
 def test_beyond_the_tabulated_integrals_it_is_nan():
     """At theta = phi the longest row has the whole depth ratio."""
-    found = warpopt.limit(warpopt.ViewFrustum(1.0, np.array([1e13, 1e15]), 0.5), 0.5, "p", "l1")
+    deep = FrustumView(warpopt.ViewFrustum(1.0, np.array([1e13, 1e15]), 0.5), 0.5)
+    found = lower_bound(deep, Objective("p", "l1"))
     assert np.isfinite(found).tolist() == [True, False]
 
 
@@ -151,20 +156,22 @@ numbers = st.lists(st.floats(0, 1), min_size=16, max_size=16).map(np.array)
 def test_no_warp_beats_it(a, b, c, d, e):
     near = 10 ** (6 * a - 3)
     frustum = warpopt.ViewFrustum(near, near * 1.05 * 1e4**b, 0.02 + 1.4 * c)
-    theta, warp = np.pi * d, warpopt.Warp.from_eta(10 ** (-5 * e), 1.0)
-    for (norm, measure), least in zip(KINDS[:4], limits(frustum, theta), strict=False):
-        value = warpopt.error_norm(frustum, theta, warp, "p", norm, measure)
+    view = FrustumView(frustum, np.pi * d)
+    warp = warpopt.Warp.from_eta(10 ** (-5 * e), view)
+    for (norm, measure), least in zip(KINDS[:4], limits(frustum, view.theta), strict=False):
+        value = warpopt.error_norm(view, warp, Objective("p", norm, measure))
         # overhead, volume, L2: no warp is the optimum and attains it, to rounding
         assert bool((value >= least * (1 - 1e-12)).all())
-    least = warpopt.limit(frustum, theta, "q", measure="axis")
-    assert bool((warpopt.error_norm(frustum, theta, warp, "q", measure="axis") >= least * (1 - 1e-12)).all())
+    objective = Objective("q", measure="axis")
+    least = lower_bound(view, objective)
+    assert bool((warpopt.error_norm(view, warp, objective) >= least * (1 - 1e-12)).all())
 
 
 def test_the_optimal_warp_of_e_q_attains_it():
     """Over V: no choice of widths, row by row, is better than the optimal warp: 2 b/a or 2 f/n."""
-    best = warpopt.optimal_warp(FRUSTUM, THETA, "q").value
-    np.testing.assert_allclose(best, warpopt.limit(FRUSTUM, THETA, "q"), rtol=64 * EPS)
-    for s, value in zip(scenes.twins(), warpopt.limit(FRUSTUM, THETA, "q"), strict=True):
+    best = warpopt.optimal_warp(VIEW, Objective("q")).value
+    np.testing.assert_allclose(best, lower_bound(VIEW, Objective("q")), rtol=64 * EPS)
+    for s, value in zip(scenes.twins(), lower_bound(VIEW, Objective("q")), strict=True):
         breaks, row = rows(s)
         by_rows = max(2 * row(d)[1] / row(d)[0] for d in breaks)
         assert abs(float(mpf(float(value)) / by_rows - 1)) < 1e-7  # to the twin's own branch at theta = phi
@@ -186,7 +193,7 @@ def test_no_monotone_map_does_better(degrees):
     ends = np.array([[[float(v) for v in row(mpf(d))] for d in line] for line in fine])
     width = np.diff(edges)
     # L-inf: least v with step_k >= width_k max(1/z) / (v tan(phi)), steps summing to 1
-    at_limit = float(warpopt.limit(frustum, np.deg2rad(degrees)))
+    at_limit = float(lower_bound(FrustumView(frustum, np.deg2rad(degrees))))
     found = []
     for nearest in (1 / ends[..., 0].min(1), 1 / ends[..., 0].max(1)):
         need = width * nearest / np.tan(0.5)
@@ -213,7 +220,7 @@ def test_no_monotone_map_does_better(degrees):
             return total, order * (share - density / total) * total
 
         best = scipy.optimize.minimize(value, np.zeros(count), jac=True, method="BFGS", options={"gtol": 1e-9})
-        least = float(warpopt.limit(frustum, np.deg2rad(degrees), "p", norm))
+        least = float(lower_bound(FrustumView(frustum, np.deg2rad(degrees)), Objective("p", norm)))
         assert least * (1 - 1e-4) < best.fun ** (1 / order) < least * 1.02  # the pieces' own sums are to 1e-4
 
 
@@ -236,7 +243,7 @@ def table_norm(best, frustum, theta, order, measure):
 def test_the_table_attains_the_limit_and_is_written_whole(tmp_path, norm, measure, slack):
     for degrees in (90.0, 60.0, 10.0, 0.0):
         theta = np.deg2rad(degrees)
-        best = warpopt.limit_map(PAPER, theta, norm, measure)
+        best = lower_bound_map(FrustumView(PAPER, theta), Objective("p", norm, measure))
         assert best.delta[0] == best.s[0] == 0
         assert best.delta[-1] == best.s[-1] == 1
         assert (np.diff(best.delta) > 0).all()
@@ -256,7 +263,7 @@ def test_the_table_attains_the_limit_and_is_written_whole(tmp_path, norm, measur
     with np.load(paths[0]) as file:
         np.testing.assert_array_equal(file["delta"], best.delta)
     for path in paths:
-        back = warpopt.LimitMap.load(path)
+        back = warpopt.BoundMap.load(path)
         back.save(path)
         assert path.read_bytes() == {p: p.read_bytes() for p in paths}[path]
         assert (back.value, back.order, back.measure, back.mu) == (best.value, best.order, measure, best.mu)
@@ -283,11 +290,11 @@ def test_the_table_attains_the_limit_and_is_written_whole(tmp_path, norm, measur
 def test_a_file_that_is_no_map_is_refused_in_words(tmp_path, name, change, words):
     path = tmp_path / name
     if change:
-        original = warpopt.limit_map(PAPER, np.pi / 2).encoded(path if name != "map.txt" else "map.csv")
+        original = lower_bound_map(FrustumView(PAPER, np.pi / 2)).encoded(path if name != "map.txt" else "map.csv")
         path.write_bytes(change(original))
         assert name == "map.txt" or path.read_bytes() != original
     with pytest.raises(ValueError, match=words):
-        warpopt.LimitMap.load(path)
+        warpopt.BoundMap.load(path)
 
 
 def camera_and_light(degrees, seed=None):
@@ -302,17 +309,20 @@ def camera_and_light(degrees, seed=None):
 def test_bodies_have_the_frustums_limit(degrees):
     """V as a body, turned anyhow, E_p and E_q; a box within it has one of its own that no warp beats."""
     camera, light = camera_and_light(degrees, seed=3)
-    box = warpopt.ConvexBody.box((-np.inf,) * 3, (np.inf,) * 3)
-    exact = {metric: float(warpopt.limit(PAPER, np.deg2rad(degrees), metric)) for metric in ("p", "q")}
+    box = ConvexBody.box((-np.inf,) * 3, (np.inf,) * 3)
+    plain = FrustumView(PAPER, np.deg2rad(degrees))
+    exact = {metric: float(lower_bound(plain, Objective(metric))) for metric in ("p", "q")}
     for receivers in (None, box, HISTOGRAM):
         for metric, value in [*exact.items(), ("max", max(exact.values()))]:
-            assert warpopt.scene_limit(camera, light, receivers, metric) == pytest.approx(value, rel=1e-10)
+            found = lower_bound(SceneView(camera, light, receivers), Objective(metric))
+            assert found == pytest.approx(value, rel=1e-10)
     for norm in ("inf", "l2"):
-        axis = warpopt.scene_limit(camera, light, warpopt.WholeFrustum("axis"), "p", norm)
-        assert axis == pytest.approx(float(warpopt.limit(PAPER, np.deg2rad(degrees), "p", norm, "axis")), rel=1e-10)
+        axis = Objective("p", norm, "axis")
+        expected = float(lower_bound(plain, axis))
+        assert lower_bound(SceneView(camera, light), axis) == pytest.approx(expected, rel=1e-10)
     camera, light = camera_and_light(degrees)
     x, y, z = (v.ravel() for v in np.meshgrid([-3.0, 3.0], [-2.0, 1.0], [5.0, 40.0]))  # in eye coordinates
-    body = warpopt.ConvexBody.box((-3, -2, -40), (3, 1, -5))
+    body = ConvexBody.box((-3, -2, -40), (3, 1, -5))
     inside = np.abs(y) <= z * np.tan(scenes.PHI)  # the frustum cuts one edge of the box off
     depth = z * np.sin(np.deg2rad(degrees)) + y * np.cos(np.deg2rad(degrees))
     depth, z, x = ((v - depth[inside].min() if v is depth else v)[inside] for v in (depth, z, x))
@@ -320,11 +330,11 @@ def test_bodies_have_the_frustums_limit(degrees):
     blend = depth / depth.max() * (1 - eta) + eta
     e_p = depth.max() / np.tan(scenes.PHI) * (blend**2 / (eta * z)).max(1)
     e_q = 2 / np.tan(scenes.PHI) * (x / blend).max(1) * (blend / z).max(1)
-    assert warpopt.scene_limit(camera, light, body, "p") <= e_p.min() * (1 + 1e-12)
-    assert warpopt.scene_limit(camera, light, body, "q") <= e_q.min() * (1 + 1e-12)
+    assert lower_bound(SceneView(camera, light, body), Objective("p")) <= e_p.min() * (1 + 1e-12)
+    assert lower_bound(SceneView(camera, light, body), Objective("q")) <= e_q.min() * (1 + 1e-12)
 
 
-BOX = warpopt.ConvexBody.box((-3, -2, -40), (3, 1, -5))
+BOX = ConvexBody.box((-3, -2, -40), (3, 1, -5))
 
 
 @pytest.mark.parametrize("degrees", [90.0, 40.0, 3.0])
@@ -354,7 +364,7 @@ def test_a_body_by_brute_force(degrees):
         total = (sums / slope**order).sum() * (step * slope.sum()) ** order
         found["p", norm] = (total / (2 * x / z**2).sum()) ** (1 / order) / tan
     for (metric, norm), value in found.items():
-        got = warpopt.scene_limit(camera, light, BOX, metric, norm)
+        got = lower_bound(SceneView(camera, light, BOX), Objective(metric, norm))
         slack = 0.02 if metric == "q" else 0.01  # a depth's widest receiver is not its nearest
         assert (1 - slack) * value < got < 1.002 * value, (metric, norm)  # the sums are to 2e-3
 
@@ -363,11 +373,12 @@ def test_a_body_by_brute_force(degrees):
 def test_bodies_have_the_frustums_limit_in_l_p(degrees):
     """V turned anyhow: its closed form and tabulated integrals; a histogram whose counts are even over z is V."""
     camera, light = camera_and_light(degrees, seed=3)
-    everything = warpopt.ConvexBody.box((-np.inf,) * 3, (np.inf,) * 3)
-    even = warpopt.DepthHistogram(HISTOGRAM.edges, jnp.diff(HISTOGRAM.edges))
+    everything = ConvexBody.box((-np.inf,) * 3, (np.inf,) * 3)
+    even = DepthHistogram(HISTOGRAM.edges, jnp.diff(HISTOGRAM.edges))
     for receivers, tolerance in ((None, 1e-11), (everything, 1e-11), (even, 1e-8)):
-        exact = float(warpopt.limit(PAPER, np.deg2rad(degrees), "p", "l2"))
-        assert warpopt.scene_limit(camera, light, receivers, "p", "l2") == pytest.approx(exact, rel=tolerance)
+        exact = float(lower_bound(FrustumView(PAPER, np.deg2rad(degrees)), Objective("p", "l2")))
+        found = lower_bound(SceneView(camera, light, receivers), Objective("p", "l2"))
+        assert found == pytest.approx(exact, rel=tolerance)
 
 
 def test_a_bodys_limit_in_l_p_has_derivatives_in_both_dtypes():
@@ -378,7 +389,7 @@ def test_a_bodys_limit_in_l_p_has_derivatives_in_both_dtypes():
     def value(theta):
         camera = jax.tree.map(lambda v: v.astype(theta.dtype), eye)
         light = warpopt.DirectionalLight(jnp.stack([0 * theta, -jnp.sin(theta), -jnp.cos(theta)]))
-        return body_shares(camera, LightFrame(camera, light), warpopt.WholeFrustum(), 2.0)[3]
+        return body_shares(camera, LightFrame(camera, light), Solid.uniform(camera.planes(), 2.0), 2.0)[3]
 
     theta = jnp.array([1.2, 0.2, 0.0, np.pi / 2, 0.5])
     whole, slope = jax.jit(lambda theta: jax.lax.map(jax.value_and_grad(value), theta))(theta)
@@ -390,14 +401,14 @@ def test_a_bodys_limit_in_l_p_has_derivatives_in_both_dtypes():
     assert half.dtype == jnp.float32
     np.testing.assert_allclose(half, whole, rtol=2e-5)
     camera, light = camera_and_light(90.0)
-    for body in (warpopt.ConvexBody.box((-3, -2, -40), (3, 1, -40)), warpopt.ConvexBody.box((0, 0, 5), (1, 1, 9))):
-        assert warpopt.scene_limit(camera, light, body, "p", "l2") == 0
+    for body in (ConvexBody.box((-3, -2, -40), (3, 1, -40)), ConvexBody.box((0, 0, 5), (1, 1, 9))):
+        assert lower_bound(SceneView(camera, light, body), Objective("p", "l2")) == 0
 
 
 def test_the_map_of_a_body_attains_its_limit_in_l_p():
     """The norm of the straight pieces by midpoints over the box, L2 over the screen: within 1 % of the limit."""
     camera, light = camera_and_light(40.0)
-    best = warpopt.scene_limit_map(camera, light, BOX, "l2")
+    best = lower_bound_map(SceneView(camera, light, BOX), Objective("p", "l2"))
     assert (np.diff(best.delta) > 0).all()
     z, y = np.meshgrid(5 + 35 * (np.arange(700) + 0.5) / 700, -2 + 3 * (np.arange(400) + 0.5) / 400)
     z, y = (v[np.abs(y) < z * np.tan(scenes.PHI)] for v in (z, y))
@@ -412,10 +423,10 @@ def test_the_map_of_a_body_attains_its_limit_in_l_p():
 def test_a_gap_in_a_histogram_takes_no_texels():
     """A light overhead: the logarithm over the filled bins alone."""
     camera, light = camera_and_light(90.0)
-    gap = warpopt.DepthHistogram(HISTOGRAM.edges, (2.0, 0.0, 1.0))
+    gap = DepthHistogram(HISTOGRAM.edges, (2.0, 0.0, 1.0))
     exact = (np.log(4) + np.log(100 / 30)) / np.tan(scenes.PHI)
-    assert warpopt.scene_limit(camera, light, gap) == pytest.approx(exact, rel=1e-12)
-    best = warpopt.scene_limit_map(camera, light, gap)
+    assert lower_bound(SceneView(camera, light, gap)) == pytest.approx(exact, rel=1e-12)
+    best = lower_bound_map(SceneView(camera, light, gap))
     assert best(3 / 99) == pytest.approx(best(29 / 99), rel=1e-12)
 
 
@@ -450,17 +461,18 @@ def test_points_and_buffers_approach_the_limit_of_what_they_sample():
     q, p, z = rng.uniform(-1, 1, 200_000), rng.uniform(-1, 1, 200_000), rng.uniform(1, 100, 200_000)
     tan = np.tan(scenes.PHI)
     camera, light = camera_and_light(60.0)
-    points = warpopt.PointReceivers(np.stack([q * z * tan, p * z * tan, -z], 1))
+    points = PointReceivers(np.stack([q * z * tan, p * z * tan, -z], 1))
     for norm in ("l1", "l2"):
-        exact = float(warpopt.limit(PAPER, np.deg2rad(60.0), "p", norm))
-        got = warpopt.scene_limit(camera, light, points, "p", norm)
+        exact = float(lower_bound(FrustumView(PAPER, np.deg2rad(60.0)), Objective("p", norm)))
+        got = lower_bound(SceneView(camera, light, points), Objective("p", norm))
         assert got == pytest.approx(exact, rel=0.02)
     for metric in ("p", "q"):
-        at_most = float(warpopt.limit(PAPER, np.deg2rad(60.0), metric))
-        assert 0.8 * at_most < warpopt.scene_limit(camera, light, points, metric) < 1.05 * at_most, metric
+        at_most = float(lower_bound(FrustumView(PAPER, np.deg2rad(60.0)), Objective(metric)))
+        found = lower_bound(SceneView(camera, light, points), Objective(metric))
+        assert 0.8 * at_most < found < 1.05 * at_most, metric
     up = tan * (1 - (np.arange(54) + 0.5) / 27)  # y/z of the rows
     depth = np.where(up < 0, 2 / np.where(up < 0, -up, 1), 0)[:, None] * np.ones(96)  # the ground, 2 below the eye
-    buffer = warpopt.DepthBuffer(np.where(depth < 100, depth, 0))
+    buffer = DepthBuffer(np.where(depth < 100, depth, 0))
     z = depth[(depth > 0) & (depth < 100)]
     d = z * np.sin(np.pi / 3) + 2 * np.cos(np.pi / 3)
     share = (d - d.min()) / (d.max() - d.min())
@@ -468,16 +480,17 @@ def test_points_and_buffers_approach_the_limit_of_what_they_sample():
     error = (d.max() - d.min()) / tan * ((1 - share) * eta + share) ** 2 / (eta * z)
     for norm, values in (("inf", error.max(1)), ("l2", np.sqrt((error**2).mean(1)))):
         for bins in (8, 32):
-            least = warpopt.scene_limit(camera, light, buffer, "p", norm, bins=bins)
+            least = lower_bound(SceneView(camera, light, buffer), Objective("p", norm), bins=bins)
             assert least == pytest.approx(best_steps(share, z, bins, norm) * (d.max() - d.min()) / tan, rel=1e-6)
             assert least < values.min() * 1.08  # what a warp may gain within a bin
-    assert warpopt.scene_limit(camera, light, warpopt.PointReceivers(np.zeros((0, 3)))) == 0
+    assert lower_bound(SceneView(camera, light, PointReceivers(np.zeros((0, 3))))) == 0
 
 
 def test_maps_over_receivers_attain_their_limits():
     """Over V it is the frustum's own map; over points no other map that is linear within the bins has a lesser norm."""
     camera, light = camera_and_light(60.0, seed=3)
-    own, best = warpopt.limit_map(PAPER, np.deg2rad(60.0)), warpopt.scene_limit_map(camera, light)
+    own = lower_bound_map(FrustumView(PAPER, np.deg2rad(60.0)))
+    best = lower_bound_map(SceneView(camera, light))
     assert best.value == pytest.approx(own.value, rel=1e-12)
     assert (best.start, best.mu, best.density) == pytest.approx((own.start, own.mu, own.density), rel=1e-12)
     at = np.linspace(0, 1, 400)
@@ -486,11 +499,12 @@ def test_maps_over_receivers_attain_their_limits():
     camera, light = camera_and_light(40.0)
     z = rng.uniform(2, 60, 5000)
     y = rng.uniform(-0.5, 0.5, 5000) * z
-    points = warpopt.PointReceivers(np.stack([0 * z, y, -z], 1))
+    points = PointReceivers(np.stack([0 * z, y, -z], 1))
     d = z * np.sin(np.deg2rad(40.0)) + y * np.cos(np.deg2rad(40.0))
     for norm, order in (("inf", np.inf), ("l2", 2.0)):
-        best = warpopt.scene_limit_map(camera, light, points, norm, bins=32)
-        assert best.value == warpopt.scene_limit(camera, light, points, "p", norm, bins=32)
+        view, objective = SceneView(camera, light, points), Objective("p", norm)
+        best = lower_bound_map(view, objective, bins=32)
+        assert best.value == lower_bound(view, objective, bins=32)
         delta = (d - best.start) / best.mu
         piece = np.clip(np.searchsorted(best.delta, delta, side="right") - 1, 0, 31)
         values = []
@@ -506,19 +520,19 @@ def test_maps_over_receivers_attain_their_limits():
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda c, light: warpopt.scene_limit_map(c, light, POINTS), "more than one"),
-        (lambda c, light: warpopt.limit(PAPER, 1.0, "pxq"), "product of E_p and E_q"),
-        (lambda c, light: warpopt.limit(PAPER, 1.0, "q", "l2"), "E_q in L_2"),
-        (lambda c, light: warpopt.limit(PAPER, -1.0), "theta"),
-        (lambda c, light: warpopt.limit_map(PAPER, np.array([1.0, 2.0])), "expected one of each"),
-        (lambda c, light: warpopt.limit_map(PAPER, 1.0, knots=1), "knots"),
-        (lambda c, light: warpopt.limit_map(PAPER, 0.0, measure="axis"), "more than one depth"),
-        (lambda c, light: warpopt.scene_limit(c, light, "all", "p", "l2"), "receivers: got"),
-        (lambda c, light: warpopt.scene_limit(c, light, POINTS, "q", "l2"), "E_q in L_2"),
-        (lambda c, light: warpopt.scene_limit(c, light, "all"), "receivers: got"),
-        (lambda c, light: warpopt.scene_limit(c, light, POINTS, "max", "l2"), "E_q in L_2"),
-        (lambda c, light: warpopt.scene_limit(c, light, None, "pxq"), "product"),
-        (lambda c, light: warpopt.scene_limit(c, light, bins=0), "bins"),
+        (lambda c, light: lower_bound_map(SceneView(c, light, POINTS)), "more than one"),
+        (lambda c, light: lower_bound(FrustumView(PAPER, 1.0), Objective("pxq")), "product of E_p and E_q"),
+        (lambda c, light: lower_bound(FrustumView(PAPER, 1.0), Objective("q", "l2")), "E_q in L_2"),
+        (lambda c, light: lower_bound(FrustumView(PAPER, -1.0)), "theta"),
+        (lambda c, light: lower_bound_map(FrustumView(PAPER, np.array([1.0, 2.0]))), "expected one frustum"),
+        (lambda c, light: lower_bound_map(FrustumView(PAPER, 1.0), knots=1), "knots"),
+        (lambda c, light: lower_bound_map(FrustumView(PAPER, 0.0), Objective(measure="axis")), "more than one depth"),
+        (lambda c, light: lower_bound(SceneView(c, light, "all"), Objective("p", "l2")), "receivers: got"),
+        (lambda c, light: lower_bound(SceneView(c, light, POINTS), Objective("q", "l2")), "E_q in L_2"),
+        (lambda c, light: lower_bound(SceneView(c, light, "all")), "receivers: got"),
+        (lambda c, light: lower_bound(SceneView(c, light, POINTS), Objective("max", "l2")), "expected 'inf' with"),
+        (lambda c, light: lower_bound(SceneView(c, light, None), Objective("pxq")), "product"),
+        (lambda c, light: lower_bound(SceneView(c, light), bins=0), "bins"),
     ],
 )  # fmt: skip
 def test_what_is_not_known_is_refused(call, words):

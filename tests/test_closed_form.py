@@ -28,8 +28,10 @@ VIEWS = warpopt.ViewFrustum(
 def test_closed_form_equals_iteration(alpha, beta):
     """Every direction in 0..pi, four views. Two formulas apart in structure; both within tens of eps of the truth."""
     metric = warpopt.Metric(alpha, beta)
-    closed = warpopt.optimal_warp(VIEWS, SWEEP, metric, "inf")
-    iterated = warpopt.optimal_warp(VIEWS, SWEEP, metric, "inf", method="iterative")
+    closed = warpopt.optimal_warp(warpopt.FrustumView(VIEWS, SWEEP), warpopt.Objective(metric, "inf"))
+    iterated = warpopt.optimal_warp(
+        warpopt.FrustumView(VIEWS, SWEEP), warpopt.Objective(metric, "inf"), method="iterative"
+    )
     np.testing.assert_allclose(iterated.value, closed.value, rtol=64 * EPS)
     # the tie is a difference at theta near phi, eta's own condition number: lambda = Y - g
     np.testing.assert_allclose(iterated.warp.eta, closed.warp.eta, rtol=1e-12)
@@ -41,7 +43,9 @@ def test_closed_form_equals_iteration(alpha, beta):
 def test_closed_form_equals_the_search(alpha, beta):
     """Thirteen directions of the sweep, each view, to 1e-12 in eta; the regret to rounding."""
     chosen = slice(1, None, 5)
-    solution = warpopt.optimal_warp(VIEWS, SWEEP, warpopt.Metric(alpha, beta), "inf")
+    solution = warpopt.optimal_warp(
+        warpopt.FrustumView(VIEWS, SWEEP), warpopt.Objective(warpopt.Metric(alpha, beta), "inf")
+    )
     eta, value = np.asarray(solution.warp.eta)[:, chosen], np.asarray(solution.value)[:, chosen]
     for i in range(4):
         near, far, half_fov = float(VIEWS.near[i, 0]), float(VIEWS.far[i, 0]), float(VIEWS.half_fov[i, 0])
@@ -55,7 +59,7 @@ def test_closed_form_equals_the_search(alpha, beta):
 
 def test_e_q_optimum_is_psm_or_no_warp():
     """lambda = n a, value 2 b / a, where f a > n b; elsewhere no warp, value 2 f / n."""
-    solution = warpopt.optimal_warp(VIEWS, SWEEP, "q", "inf")
+    solution = warpopt.optimal_warp(warpopt.FrustumView(VIEWS, SWEEP), warpopt.Objective("q", "inf"))
     n, f, phi = (np.asarray(v) for v in (VIEWS.near, VIEWS.far, VIEWS.half_fov))
     s, T = np.sin(SWEEP), np.tan(phi) * np.abs(np.cos(SWEEP))
     a, b = s - T, s + T
@@ -79,7 +83,7 @@ def test_e_q_optimum_keeps_its_digits_next_to_phi():
     phi = 0.4
     frustum = warpopt.ViewFrustum(1.0, 1e8, phi)
     theta = phi * (1 + np.array([1e-6, 1e-5, 1e-3]))
-    solution = warpopt.optimal_warp(frustum, theta, "q", "inf")
+    solution = warpopt.optimal_warp(warpopt.FrustumView(frustum, theta), warpopt.Objective("q", "inf"))
     for i, angle in enumerate(theta):
         s = twin.Scene(1.0, 1e8, phi, angle)
         a, b = s.sin - s.tan_phi * s.cos, s.sin + s.tan_phi * s.cos
@@ -89,7 +93,7 @@ def test_e_q_optimum_keeps_its_digits_next_to_phi():
 
 def test_axis_optimum_of_e_p():
     """theta >= phi: lambda = max(d0 + sin(theta) sqrt(n f), mu n T / (mu - 2 n T)), T = tan(phi) |cos(theta)|."""
-    solution = warpopt.optimal_warp(VIEWS, SWEEP, "p", "inf", "axis")
+    solution = warpopt.optimal_warp(warpopt.FrustumView(VIEWS, SWEEP), warpopt.Objective("p", "inf", "axis"))
     for i in range(4):
         n, f, phi = float(VIEWS.near[i, 0]), float(VIEWS.far[i, 0]), float(VIEWS.half_fov[i, 0])
         for j, theta in enumerate(SWEEP):
@@ -110,7 +114,9 @@ def test_no_warp_zone_is_decided_by_one_sign():
     """E_p: no warp iff D sin(theta) <= n T (theta < phi); both sides of it, 1e-9 apart."""
     frustum = warpopt.ViewFrustum(1.0, 100.0, scenes.PHI)
     edge = np.arctan(np.tan(scenes.PHI) / 99)
-    solution = warpopt.optimal_warp(frustum, np.array([edge * (1 - 1e-9), edge * (1 + 1e-9)]), "p", "inf")
+    solution = warpopt.optimal_warp(
+        warpopt.FrustumView(frustum, np.array([edge * (1 - 1e-9), edge * (1 + 1e-9)])), warpopt.Objective("p", "inf")
+    )
     assert solution.result.tolist() == [warpopt.Outcome.no_warp, warpopt.Outcome.stationary]
     assert float(solution.warp.lam[0]) == np.inf
     assert float(solution.warp.lam_over_mu[1]) > 1e6
