@@ -33,7 +33,7 @@ def lambda_over_mu(config: SceneConfig, scene: SceneInput) -> float:
 
 @pytest.fixture
 def folder(tmp_path):
-    """The depth files that are made of another: as eye depth, with background as inf, and reversed without a far plane."""
+    """Depth files made of another: eye depth, with background as inf, and reversed without a far plane."""
     depth, there = read_values(CASES / "display.exr")
     assert there.all()
     assert depth.dtype == np.float32

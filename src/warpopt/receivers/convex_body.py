@@ -82,8 +82,9 @@ class ConvexBody(Receivers):
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`."""
         planes = self.with_frustum(camera)
-        vertices, valid = vertices_of(planes)
+        vertices, valid, endless = vertices_of(planes)
         footprint = from_groups(singles(valid, vertices, frame), camera.near, grouped=False)
+        footprint = footprint.lost_where(endless | _beyond_reach(vertices, valid))
         if objective.supremum:
             return footprint
         return footprint.with_moments(*_moments(planes, vertices, valid, frame, footprint, objective))
@@ -95,7 +96,7 @@ class ConvexBody(Receivers):
 
     def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> BodyProfile:
         """See `Receivers`."""
-        vertices, valid = map(np.asarray, _vertices(camera, self))
+        vertices, valid, _ = map(np.asarray, _vertices(camera, self))
         planes = self.with_frustum(camera)
         solid = Solid.uniform(planes, DENSITY_EXPONENT[objective.measure])
         return BodyProfile([vertices[valid]], solid, camera, frame)
@@ -109,35 +110,15 @@ class ConvexBody(Receivers):
         Receivers.check(self, camera, light, objective)
         if any(isinstance(value, jax.core.Tracer) for value in (camera.far, self.planes)):
             return
-        if jnp.isinf(camera.far).any() and self._endless(camera):
+        if jnp.isinf(camera.far).any() and _vertices(camera, self)[2]:
             raise ValueError(
                 "receivers: got a body that goes on for ever in the view of a camera with far = inf, expected one that "
                 "ends, or a finite far"
             )
 
-    def _endless(self, camera: Camera) -> bool:
-        """Whether B holds a ray from the eye to infinity, apart from where it begins."""
-        offsets = np.asarray(self.planes[:, 3])
-        real = np.abs(offsets) < 0.5 * _reach(offsets.dtype)  # the others are sides that a box does not have
-        normals = np.asarray(self.planes[:, :3])[real] @ np.asarray(camera.rotation).T
-        left, right, bottom, top = np.asarray(camera.window)
-        rays = np.array([(left, bottom, 1), (right, bottom, 1), (right, top, 1), (left, top, 1)])
-        for normal in normals:  # the window's polygon, clipped by the half-space through the eye
-            inside, following = rays @ normal, np.roll(rays, -1, 0)
-            kept = []
-            for ray, after, value, beyond in zip(rays, following, inside, np.roll(inside, -1), strict=True):
-                if value >= 0:
-                    kept.append(ray)
-                if (value < 0) != (beyond < 0):
-                    kept.append(ray + (after - ray) * (value / (value - beyond)))
-            if not kept:
-                return False
-            rays = np.array(kept)
-        return True
-
     def vertices(self, camera: Camera) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
         """(eye coordinates, which are vertices of B) of its vertices, each some times over."""
-        return vertices_of(self.with_frustum(camera))
+        return vertices_of(self.with_frustum(camera))[:2]
 
     def with_frustum(self, camera: Camera) -> Float[Array, "N 4"]:
         """All half-spaces in eye coordinates, the frustum's first."""
@@ -152,9 +133,16 @@ def _reach(dtype) -> float:
     return float(jnp.finfo(dtype).max) ** 0.25
 
 
+def _beyond_reach(vertices: Array, valid: Array) -> Array:
+    """Whether a body ends only where a box without that side does."""
+    return (valid & (jnp.abs(vertices).max(1) > 1e-3 * _reach(vertices.dtype))).any()
+
+
 @jax.jit
-def _vertices(camera: Camera, body: ConvexBody) -> tuple[Array, Array]:
-    return body.vertices(camera)
+def _vertices(camera: Camera, body: ConvexBody) -> tuple[Array, Array, Array]:
+    """(eye coordinates, which are vertices of the body in view, whether it goes on for ever)."""
+    vertices, valid, endless = vertices_of(body.with_frustum(camera))
+    return vertices, valid, endless | _beyond_reach(vertices, valid)
 
 
 def _moments(planes, vertices, valid, frame, footprint: Footprint, objective: Objective):

@@ -83,7 +83,8 @@ class WholeFrustum(Receivers):
             )
         h = (along * z).ravel()
         all_sides = Sides(every, every, *sides, h, h)
-        return Footprint(start, mu, axis, nearest, all_sides, moments, n, jnp.zeros((), bool), flat)
+        footprint = Footprint(start, mu, axis, nearest, all_sides, moments, n, jnp.zeros((), bool), flat)
+        return footprint.lost_where(jnp.isinf(f))  # of a traced camera, which nothing could refuse
 
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """See `Receivers`."""

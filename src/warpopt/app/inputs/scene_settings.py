@@ -1,4 +1,4 @@
-"""A scene in a configuration: cameras, light, receivers, objective. Knows nothing of JAX."""
+"""A scene in a configuration: light, receivers, objective. Knows nothing of JAX."""
 
 import itertools
 import math
@@ -11,174 +11,18 @@ from pydantic import Field
 
 from warpopt.objective import METRICS, Measure, Objective
 
-from ...scene_files.depth_image import pinhole_window
-from ...scene_files.scene_camera import SceneCamera, centred_window, centred_window_across, orientation
-from ..common.settings import Distinct, HalfFovDeg, NearFar, Norm, Positive, Section, listed
+from ...scene_files.scene_camera import orientation
+from ..common.settings import Distinct, Norm, Positive, Section, listed
+from .camera_settings import CameraConfig, Direction, Number, Resolution, Triple, Vector, exactly_one
 
-_RIGID = 1e-4  # entries with four digits after the point still make a matrix that is meant as a rotation
-
-
-def _vector(value: Any) -> Any:
-    if not isinstance(value, list | tuple) or len(value) != 3 or not all(_is_number(v) for v in value):
-        raise ValueError("expected three numbers")
-    if not all(math.isfinite(v) for v in value):
-        raise ValueError("expected three finite numbers")
-    return tuple(float(v) for v in value)
+Index = Annotated[int, Field(ge=0, strict=True)]  # true is no number
 
 
-def _direction(value: Any) -> Any:
-    value = _vector(value)
-    if not any(value):
-        raise ValueError("expected a vector that is not zero")
+def _file_s_light(value: Any) -> Any:
+    whole = isinstance(value, int) and value >= 0 and value is not False
+    if not (value is True or whole or isinstance(value, str) or value is None):
+        raise ValueError("expected true, the number of a light or its name")
     return value
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-Triple = tuple[float, float, float]
-Vector = Annotated[Triple, pydantic.BeforeValidator(_vector)]
-Direction = Annotated[Triple, pydantic.BeforeValidator(_direction)]
-
-
-def _no_plane_for_inf(value: Any) -> Any:
-    # inf where numbers are finite: no far plane, which nothing stands for too
-    return None if value == math.inf and isinstance(value, float) else value
-
-
-FarPlane = Annotated[
-    Positive | None,
-    pydantic.BeforeValidator(_no_plane_for_inf),
-]
-Resolution = tuple[Annotated[int, Field(ge=1, le=65_536)], Annotated[int, Field(ge=1, le=65_536)]]
-
-
-def _exactly_one(section: Any, names: tuple[str, ...]) -> None:
-    given = [name for name in names if getattr(section, name) is not None]
-    if len(given) != 1:
-        raise ValueError(f"got {' and '.join(given) or 'none of them'}, expected exactly one of {', '.join(names)}")
-
-
-def _view_matrix(value: Any) -> Any:
-    rows = value if isinstance(value, list | tuple) else []
-    if len(rows) != 4 or not all(isinstance(row, list | tuple) and len(row) == 4 for row in rows):
-        raise ValueError("expected four rows of four numbers")
-    if not all(_is_number(v) and math.isfinite(v) for row in rows for v in row):
-        raise ValueError("expected finite numbers")
-    matrix = np.array(rows, float)
-    turn = matrix[:3, :3]  # the translation may be large, and has no part in it
-    if abs(np.linalg.det(turn / max(np.abs(turn).max(), 1e-300))) < 1e-12:
-        raise ValueError("expected a matrix that is not singular")
-    if np.abs(turn @ turn.T - np.eye(3)).max() > _RIGID or np.abs(matrix[3] - [0, 0, 0, 1]).max() > _RIGID:
-        raise ValueError(
-            "expected a rigid world-to-eye matrix for column vectors: orthonormal rows and (0, 0, 0, 1) last"
-        )
-    return value
-
-
-class CameraConfig(NearFar):
-    """A camera: position, forward or target, and up; or a view_matrix."""
-
-    position: Vector | None = None
-    forward: Direction | None = None
-    target: Vector | None = None
-    """A world point in the middle of the view, in the place of `forward`."""
-    up: Direction = (0.0, 1.0, 0.0)
-    view_matrix: Annotated[list[list[float]], pydantic.BeforeValidator(_view_matrix)] | None = None
-    """World to eye, for column vectors, in the place of position, forward and up."""
-    looks_along: Literal["-z", "+z"] = "-z"
-    """The eye axis of `view_matrix` that points into the scene: -z (OpenGL, Vulkan) or +z (Direct3D)."""
-    near: Positive
-    far: FarPlane = None
-    """None, or inf: a projection without a far plane."""
-    half_fov_deg: HalfFovDeg | None = None
-    """Half the vertical field of view."""
-    half_fov_x_deg: HalfFovDeg | None = None
-    """Half the horizontal one, in its place."""
-    aspect: Positive | None = None
-    """Width over height; that of objective.screen, or 1, if not given."""
-    window: tuple[float, float, float, float] | None = None
-    """Slopes (left, right, bottom, top) of the side planes, in the place of field of view and aspect."""
-    fx: Positive | None = None
-    """A pinhole camera in the place of these: focal lengths fx and fy, principal point (cx, cy) from the top left, in
-    pixels of an image of `image_size`."""
-    fy: Positive | None = None
-    cx: float | None = None
-    cy: float | None = None
-    image_size: Resolution | None = None
-    """(width, height); that of the depth file, or objective.screen, if not given."""
-    first_centre: Literal[0.5, 0] = 0.5
-    """Where in these pixels the first one's centre is: 0 as in OpenCV, 0.5 where the image's edge is at 0."""
-
-    @pydantic.model_validator(mode="after")
-    def _complete(self) -> "CameraConfig":
-        _exactly_one(self, ("position", "view_matrix"))
-        _exactly_one(self, ("half_fov_deg", "half_fov_x_deg", "window", "fx"))
-        pinhole = {name: getattr(self, name) for name in ("fx", "fy", "cx", "cy")}
-        if any(v is None for v in pinhole.values()) and any(v is not None for v in pinhole.values()):
-            missing = ", ".join(name for name, value in pinhole.items() if value is None)
-            raise ValueError(f"got a pinhole camera without {missing}, expected fx, fy, cx and cy")
-        if self.view_matrix is not None:
-            if self.forward is not None or self.target is not None:
-                raise ValueError("got forward or target beside view_matrix, expected one or the other")
-        else:
-            _exactly_one(self, ("forward", "target"))
-            if np.linalg.norm(self._forward()) == 0:
-                raise ValueError(f"got target {self.target}, which is the position, expected another point")
-            try:
-                orientation(self._forward(), np.array(self.up), "right")
-            except ValueError as error:
-                raise ValueError(f"up: got {self.up}, {error}") from None
-        if self.aspect is not None and (self.window is not None or self.fx is not None):
-            other = "window" if self.window is not None else "fx"
-            raise ValueError(f"got aspect beside {other}, expected one or the other")
-        if self.window is not None:
-            left, right, bottom, top = self.window
-            if not (left < right and bottom < top):
-                raise ValueError(f"window: got {self.window}, expected left < right and bottom < top")
-        return self
-
-    def _forward(self) -> np.ndarray:
-        if self.forward is not None:
-            return np.array(self.forward)
-        return np.array(self.target) - np.array(self.position)
-
-    def _window(self, default_aspect: float, size: tuple[int, int] | None) -> tuple[float, float, float, float]:
-        if self.window is not None:
-            return self.window
-        if self.fx is not None:
-            size = self.image_size or size
-            if size is None:
-                raise ValueError("image_size: missing, expected (width, height) of the image that fx to cy are of")
-            return pinhole_window(self.fx, self.fy, self.cx, self.cy, *size, first_centre=self.first_centre)
-        aspect = self.aspect or default_aspect
-        if self.half_fov_x_deg is not None:
-            return centred_window_across(math.radians(self.half_fov_x_deg), aspect)
-        return centred_window(math.radians(self.half_fov_deg), aspect)
-
-    def scene_camera(self, handedness: str, default_aspect: float, size: tuple[int, int] | None = None) -> SceneCamera:
-        """The camera in numbers.
-
-        Args:
-            handedness: of the world's axes.
-            default_aspect: where none is given.
-            size: (width, height) of the image that intrinsics are of, where none is given.
-
-        Raises:
-            ValueError: intrinsics of an image of unknown size.
-        """
-        window, far = self._window(default_aspect, size), math.inf if self.far is None else self.far
-        if self.view_matrix is None:
-            rotation = orientation(self._forward(), np.array(self.up), handedness)
-            return SceneCamera(np.array(self.position), rotation, self.near, far, window)
-        matrix = np.array(self.view_matrix, float)
-        # The nearest rotation: text has few digits, and the library asks for all.
-        u, _, v = np.linalg.svd(matrix[:3, :3])
-        turn = u @ v
-        side = 1 if self.looks_along == "+z" else -1
-        position = -turn.T @ matrix[:3, 3]
-        return SceneCamera(position, np.stack([turn[0], turn[1], side * turn[2]]), self.near, far, window)
 
 
 class SunPath(Section):
@@ -199,7 +43,7 @@ class SunPath(Section):
 
     @pydantic.model_validator(mode="after")
     def _complete(self) -> "SunPath":
-        _exactly_one(self, ("day", "declination_deg"))
+        exactly_one(self, ("day", "declination_deg"))
         if self.stop_hour < self.start_hour:
             raise ValueError(f"stop_hour: got {self.stop_hour}, expected at least start_hour = {self.start_hour}")
         try:
@@ -222,7 +66,7 @@ class SceneLight(Section):
     """World direction in which the light travels."""
     path: SunPath | Annotated[list[Direction], Field(min_length=1)] | None = None
     """The sun over a day, or a list of directions."""
-    from_file: Literal[True] | Annotated[int, Field(ge=0)] | str | None = None
+    from_file: Annotated[Index | Literal[True] | str | None, pydantic.BeforeValidator(_file_s_light)] = None
     """A directional light of the glTF file: true for the only one, or its number or name."""
 
     @pydantic.field_validator("path", mode="wrap")
@@ -237,7 +81,7 @@ class SceneLight(Section):
 
     @pydantic.model_validator(mode="after")
     def _one(self) -> "SceneLight":
-        _exactly_one(self, ("direction", "path", "from_file"))
+        exactly_one(self, ("direction", "path", "from_file"))
         return self
 
 
@@ -280,13 +124,13 @@ class DepthReceivers(Section):
     encoding: Literal["linear", "standard", "reversed"] = "linear"
     channel: str | None = None
     """Of an OpenEXR file; Z, or the only layer's, by default."""
-    part: int | str | None = None
+    part: Index | str | None = None
     """Of an OpenEXR file of several parts, by number or name."""
     key: str | None = None
     """Of a `.npz` with more than one array."""
     scale: Positive | None = None
     """What the file's values are multiplied by, 0.001 for millimetres; integers need one."""
-    background: float | None = None
+    background: Number | None = None
     """Values at or beyond it are background; the camera's far plane by default. inf, 0 and less always are."""
     nan_is_background: bool = False
     rows: Literal["top_down", "bottom_up"] = "top_down"
@@ -305,7 +149,7 @@ class GltfReceivers(_Rasterised):
     """The visible surfaces of a glTF file, and its camera if there is no [camera]."""
 
     file: Path
-    camera: Annotated[int, Field(ge=0)] | str = 0
+    camera: Index | str = 0
     """Which of the file's cameras, by number or name."""
     far: Positive | None = None
     """Far plane in the place of the file's camera's own, which may have none."""
@@ -339,7 +183,7 @@ class ReceiverConfig(Section):
 
     @pydantic.model_validator(mode="after")
     def _one(self) -> "ReceiverConfig":
-        _exactly_one(self, tuple(type(self).model_fields))
+        exactly_one(self, tuple(type(self).model_fields))
         return self
 
     @property
@@ -402,6 +246,9 @@ class SceneSettings(Section):
         gltf, depth = self.receivers.gltf, self.receivers.depth
         if not self.camera and gltf is None:
             raise ValueError("camera: missing (only a glTF file may bring its own)")
+        own = sorted({"camera", "far"} & gltf.model_fields_set) if gltf is not None and self.camera else []
+        if own:
+            raise ValueError(f"receivers.gltf.{own[0]}: got one beside [camera], expected one or the other")
         if gltf is not None and self.handedness == "left":
             raise ValueError("handedness: got 'left', expected 'right' with glTF, whose axes are right-handed")
         if self.light.from_file is not None and gltf is None:
