@@ -1,6 +1,7 @@
 """glTF documents of all kinds, as tagged data for the tests of the reader."""
 
 import base64
+import copy
 
 import numpy as np
 
@@ -231,3 +232,35 @@ def _random_mesh(b: Builder, random: np.random.Generator) -> int:
     corners = 3 * int(random.integers(1, 5)) if mode == 4 else int(random.integers(3, 9))
     indices = b.accessor(random.integers(0, vertices, corners).astype(random.choice(["u1", "u2", "u4"])))
     return b.mesh(b.accessor(values, **options), indices, mode=mode)
+
+
+VALUES = [
+    None, True, -1, 0, 1, 3, 2**31, 10**30, 0.5, 1e308, float("nan"), "", "x", "VEC3", [], [0], [1e308] * 3, {},
+    {"a": 1},
+]  # fmt: skip
+
+
+def mutated(data: dict, random: np.random.Generator) -> dict:
+    """Some values of a document replaced, moved or taken away."""
+    data = copy.deepcopy(data)
+    for _ in range(random.choice([1, 1, 1, 2, 3])):
+        places = []
+
+        def walk(value, places=places):
+            items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+            for key, inner in items:
+                if key != "uri":
+                    places.append((value, key))
+                    walk(inner)
+
+        walk(data)
+        holder, key = places[random.integers(len(places))]
+        if random.random() < 0.2 and isinstance(holder, dict):
+            del holder[key]
+        elif random.random() < 0.7 and isinstance(holder[key], int) and not isinstance(holder[key], bool):
+            holder[key] += int(random.integers(-3, 4))
+        elif random.random() < 0.7 and isinstance(holder[key], float):
+            holder[key] *= random.normal()
+        else:
+            holder[key] = copy.deepcopy(VALUES[random.integers(len(VALUES))])
+    return data

@@ -1,14 +1,13 @@
 """Mutated glTF files: a result that the oracle does not refute, or one sentence."""
 
 import contextlib
-import copy
 import json
 from pathlib import Path
 
 import gltf_oracle
 import numpy as np
 import pytest
-from gltf_cases import MAKERS, document
+from gltf_cases import MAKERS, document, mutated
 
 from warpopt.scene_files.gltf import read_geometry, read_gltf_camera, read_light
 
@@ -17,55 +16,6 @@ from warpopt.scene_files.gltf import read_geometry, read_gltf_camera, read_light
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-VALUES = [
-    None,
-    True,
-    -1,
-    0,
-    1,
-    3,
-    2**31,
-    10**30,
-    0.5,
-    1e308,
-    float("nan"),
-    "",
-    "x",
-    "VEC3",
-    [],
-    [0],
-    [1e308] * 3,
-    {},
-    {"a": 1},
-]
-
-
-def mutated(data: dict, random: np.random.Generator) -> dict:
-    """Some values of a document replaced, moved or taken away."""
-    data = copy.deepcopy(data)
-    for _ in range(random.choice([1, 1, 1, 2, 3])):
-        places = []
-
-        def walk(value, places=places):
-            items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-            for key, inner in items:
-                if key != "uri":
-                    places.append((value, key))
-                    walk(inner)
-
-        walk(data)
-        holder, key = places[random.integers(len(places))]
-        if random.random() < 0.2 and isinstance(holder, dict):
-            del holder[key]
-        elif random.random() < 0.7 and isinstance(holder[key], int) and not isinstance(holder[key], bool):
-            holder[key] += int(random.integers(-3, 4))
-        elif random.random() < 0.7 and isinstance(holder[key], float):
-            holder[key] *= random.normal()
-        else:
-            holder[key] = copy.deepcopy(VALUES[random.integers(len(VALUES))])
-    return data
 
 
 def fuzzed(seed: int, path: Path) -> str:

@@ -94,7 +94,7 @@ def decoded_image(
             depth = depth * scale
     missing = np.isnan(depth) & there
     if missing.any() and not nan_is_background:
-        raise _refused(depth, missing, encoding, "NaN", "numbers (or the word that NaN is background)")
+        raise _refused(depth, missing, encoding, "NaN", "numbers (or nan_is_background)")
     empty = ~there | missing
     if encoding == "linear":
         return _linear(depth, empty, background, far, distance, window)
