@@ -19,7 +19,10 @@ html_show_copyright = html_copy_source = html_show_sourcelink = False
 
 root_doc = "README"
 include_patterns = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md"]
-PAGES = ["objectives", "comparing", "gallery", "engines", "theory", "corrections", "claims", "performance", "scaling"]
+PAGES = [
+    "objectives", "scenes", "comparing", "gallery", "engines", "theory", "corrections", "claims", "performance",
+    "scaling",
+]  # fmt: skip
 PAGES += ["reference"]
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]

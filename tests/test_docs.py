@@ -8,6 +8,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,8 @@ from warpopt.app.common.settings import read_config, validated
 from warpopt.app.compare.own_rules import check_modules
 from warpopt.app.compare.settings import read_compare_config
 from warpopt.app.export.request import ExportRequest
+from warpopt.app.inputs.camera_settings import CameraConfig
+from warpopt.app.inputs.scene_settings import DepthReceivers, GltfReceivers
 from warpopt.app.one_view.settings import Problem
 from warpopt.app.scene.settings import SceneConfig
 from warpopt.app.sweep.settings import RunConfig
@@ -207,3 +210,19 @@ def test_experiments_named_exist(page):
     for name, options in re.findall(r"python (experiments/\w+\.py)([^`\n]*)", text):
         script = (ROOT / name).read_text(encoding="utf-8")
         assert all(f'"{option}"' in script for option in re.findall(r"--[\w-]+", options)), name
+
+
+def test_scenes_shown_are_accepted():
+    """Each block of docs/scenes.md in a whole scene, and every key of its tables."""
+    page = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
+    base = tomllib.loads((ROOT / "tests" / "cases" / "depth.toml").read_text(encoding="utf-8"))
+    blocks = [tomllib.loads(block) for language, block in FENCED.findall(page) if language == "toml"]
+    assert len(blocks) >= 6
+    for block in blocks:
+        validated(SceneConfig, base | block, "docs/scenes.md")
+    models = (CameraConfig, DepthReceivers, GltfReceivers)
+    known = {name for model in models for name in model.model_fields}
+    shown = {name for row in re.findall(r"^\| (`.+?) \|", page, re.M) for name in re.findall(r"`(\w+)`", row)}
+    assert shown <= known
+    assert set(DepthReceivers.model_fields) - {"files"} <= shown
+    assert set(GltfReceivers.model_fields) - {"file"} <= shown

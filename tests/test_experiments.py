@@ -1,6 +1,7 @@
 """A short slice of each experiment: that it runs, and that what it must find holds."""
 
 import csv
+import dataclasses
 import importlib
 import json
 import math
@@ -163,3 +164,40 @@ def test_gallery_pictures_keep_their_pixels(tmp_path, script):
     gallery.main(["--runs", str(tmp_path), "--directory", str(tmp_path)])
     for name in gallery.PICTURES:
         assert np.array_equal(np.asarray(Image.open(tmp_path / name).convert("RGB")), drawing), name
+
+
+def test_scenes_with_flaws_are_read_right_or_refused(tmp_path, script):
+    """60 of the experiment's 2,000; and its oracle sees what is wrong: another eta, another depth."""
+    fuzz = script("fuzz_scenes")
+    ends, defects = fuzz.fuzz(3000, 60, tmp_path)
+    assert defects == []
+    assert ends["solved"] >= 8
+    assert ends["refused"] >= 8
+
+
+def test_the_fuzz_s_oracles_see_what_is_wrong(tmp_path, script, monkeypatch):
+    fuzz = script("fuzz_scenes")
+
+    def shows_something(seed: int) -> bool:
+        return fuzz.attempt(seed, tmp_path) == "solved" and 5 < np.nanmax(np.load(tmp_path / "a.npy")) < 100
+
+    seed = next(s for s in range(1, 400, 2) if shows_something(s))
+    optimal = fuzz.warpopt.optimal_warp
+
+    def off(view, **options):
+        found = optimal(view, **options)
+        return dataclasses.replace(found, value=found.value * 1.5)
+
+    monkeypatch.setattr(fuzz.warpopt, "optimal_warp", off)
+    with pytest.raises(fuzz.Defect, match="E_p is told as"):
+        fuzz.attempt(seed, tmp_path)
+    monkeypatch.setattr(fuzz.warpopt, "optimal_warp", optimal)
+    read = fuzz.read_scene
+
+    def wrong(config, folder):
+        scene = read(config, folder)
+        return dataclasses.replace(scene, depths=[depth * 1.01 for depth in scene.depths])
+
+    monkeypatch.setattr(fuzz, "read_scene", wrong)
+    with pytest.raises(fuzz.Defect, match="read as"):
+        fuzz.attempt(seed, tmp_path)

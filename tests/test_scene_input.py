@@ -14,7 +14,7 @@ from warpopt.app.inputs.light_path import light_path
 from warpopt.app.inputs.scene_files import read_scene
 from warpopt.app.inputs.scene_settings import SceneLight
 from warpopt.app.scene.settings import SceneConfig
-from warpopt.scene_files.gltf import read_camera, read_triangles
+from warpopt.scene_files.gltf import read_geometry, read_gltf_camera
 from warpopt.scene_files.rasterise import rasterise
 from warpopt.scene_files.scene_camera import SceneCamera, orientation
 
@@ -49,9 +49,9 @@ def test_rasterising_agrees_with_rays_one_by_one():
 
 def test_gltf_nodes_and_camera_are_honoured(folder):
     Path("scene.gltf").write_text(json.dumps(gltf()))
-    points = read_triangles(Path("scene.gltf")).reshape(-1, 3)
+    points = read_geometry(Path("scene.gltf")).triangles.reshape(-1, 3)
     np.testing.assert_allclose([points.min(0), points.max(0)], [[-30, 1, -38], [30, 1, -2]], atol=1e-12)
-    camera = read_camera(Path("scene.gltf"), 0, None, None)
+    camera = read_gltf_camera(Path("scene.gltf")).scene_camera(1.0)
     np.testing.assert_allclose(camera.position, [0, 5, -4], atol=1e-12)
     np.testing.assert_allclose(camera.rotation, [[1, 0, 0], [0, 1, 0], [0, 0, -1]], atol=1e-12)
     text = toml("gltf = { file = 'scene.gltf', width = 96 }", camera="")
@@ -71,7 +71,7 @@ def test_what_hangs_on_a_camera_is_read(folder):
     held = gltf(extra_nodes=[{"mesh": 0, "translation": [0, 0, -3], "scale": [0.1, 1, 0.2]}])
     held["nodes"][3]["children"] = [4]
     Path("held.gltf").write_text(json.dumps(held))
-    triangles = read_triangles(Path("held.gltf"))
+    triangles = read_geometry(Path("held.gltf")).triangles
     points = triangles[triangles[:, 0, 1] > 4].reshape(-1, 3)  # at the camera's height
     np.testing.assert_allclose([points.min(0), points.max(0)], [[-0.1, 5, -7.2], [0.1, 5, -6.8]], atol=1e-7)
 
@@ -90,9 +90,13 @@ def test_the_sun_over_a_day():
 
 
 def test_a_missing_reader_is_named_with_the_extra(folder, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "trimesh", None)
+    monkeypatch.setitem(sys.modules, "DracoPy", None)
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
-    Path("scene.gltf").write_text(json.dumps(gltf()))
+    packed = gltf()
+    packed["accessors"][0].pop("bufferView")
+    draco = {"bufferView": 0, "attributes": {"POSITION": 0}}
+    packed["meshes"][0]["primitives"][0]["extensions"] = {"KHR_draco_mesh_compression": draco}
+    Path("scene.gltf").write_text(json.dumps(packed))
     Path("a.exr").write_bytes(bytes.fromhex("762f3101") + bytes(20))
     for receivers in ("gltf = { file = 'scene.gltf' }", "depth = { files = 'a.exr' }"):
         Path("scene.toml").write_text(toml(receivers))
@@ -146,14 +150,14 @@ BAD = {
     "depth of wrong size": (
         toml("depth = { files = 'good.npy', size = [64, 36] }"), ["got 96 x 54 pixels, expected 64 x 36"],
     ),
-    "NaN depth": (depth_of("nan.npy"), ["got NaN in row 3, column 5 (1 of 5184", "expected finite depths"]),
-    "infinite depth": (depth_of("inf.npy"), ["got infinity in row 3, column 5", "expected finite depths"]),
+    "NaN depth": (depth_of("nan.npy"), ["nan.npy: got NaN in row 3, column 5 (1 of 5,184", "expected numbers"]),
+    "integers without a scale": (depth_of("millimetres.npy"), ["got integers (uint16)", "0.001 for millimetres"]),
     "depth out of range": (
         toml("depth = { files = 'good.npy', encoding = 'reversed' }"), ["expected numbers in [0, 1]", "'reversed'"],
     ),
     "depth with channels": (depth_of("rgb.npy"), ["got an array of shape (54, 96, 3), expected (height, width)"]),
     "pickled depth": (depth_of("pickle.npy"), ["cannot be read as .npy"]),
-    "no depth file": (depth_of("text.npy"), ["neither .npy nor OpenEXR"]),
+    "no depth file": (depth_of("text.npy"), ["text.npy: "]),
     "broken OpenEXR": (depth_of("broken.exr"), ["cannot be read as OpenEXR"]),
     "two depth files for one camera": (
         toml("depth = { files = ['good.npy', 'good.npy'] }"), ["got 2 for 1 camera(s), expected one for each"],
@@ -162,9 +166,38 @@ BAD = {
     "empty glTF": (toml("gltf = { file = 'empty.gltf' }"), ["empty.gltf", "got no triangle, expected"]),
     "no glTF": (toml("gltf = { file = 'text.npy' }"), ["not glTF", "expected .gltf or .glb"]),
     "broken glTF": (toml("gltf = { file = 'broken.gltf' }"), ["broken.gltf: cannot be read as glTF"]),
-    "glTF of NaN": (toml("gltf = { file = 'nan.gltf' }"), ["nan.gltf: got vertices that are NaN or infinite"]),
-    "glTF without camera": (toml("gltf = { file = 'empty.gltf' }", camera=""), ["got 0 camera(s)", "[camera] section"]),
-    "glTF camera without far": (toml("gltf = { file = 'endless.gltf' }", camera=""), ["zfar", "receivers.gltf.far"]),
+    "glTF of NaN": (toml("gltf = { file = 'nan.gltf' }"), ["nan.gltf: ", "got vertices that are NaN or infinite"]),
+    "glTF without camera": (
+        toml("gltf = { file = 'empty.gltf' }", camera=""), ["got 0 camera(s)", "receivers.gltf.camera"],
+    ),
+    "far of the file's camera too near": (
+        toml("gltf = { file = 'endless.gltf', far = 0.1 }", camera=""), ["got far 0.1, expected more than 0.5"],
+    ),
+    "whole frustum without far": (
+        toml("whole_frustum = {}", camera=CAMERA.replace("far = ", "#")), ["camera.far: missing or inf"],
+    ),
+    "planes without end": (
+        toml("planes = { planes = [[0, 1, 0, 0]] }", camera=CAMERA.replace("far = ", "#")),
+        ["receivers, seen by camera.0: ", "goes on for ever"],
+    ),
+    "pinhole without cy": (
+        toml(BOX, camera="position = [0, 1, 0]\nforward = [0, 0, -1]\nnear = 1.0\nfx = 10.0\nfy = 10.0\ncx = 4.0"),
+        ["camera.0", "got a pinhole camera without cy, expected fx, fy, cx and cy"],
+    ),
+    "pinhole of no image": (
+        toml(BOX, camera=CAMERA.partition("half_fov")[0] + "fx = 9.0\nfy = 9.0\ncx = 4.0\ncy = 4.0"),
+        ["camera.0: image_size: missing"],
+    ),
+    "two fields of view": (toml(BOX, camera=CAMERA + "\nhalf_fov_x_deg = 20.0"), ["camera.0", "exactly one of"]),
+    "measure of pixels": (
+        toml("depth = { files = 'good.npy' }", more="[objective]\nmeasure = 'volume'"),
+        ["objective.measure: got 'volume' with depth", "their own weights"],
+    ),
+    "axis of a box": (toml(BOX, more="[objective]\nmeasure = 'axis'"), ["got 'axis' with box"]),
+    "light of no file": (toml(BOX, light="from_file = true"), ["light.from_file: got one without receivers.gltf"]),
+    "no light in the file": (
+        toml("gltf = { file = 'endless.gltf' }", light="from_file = true"), ["got no directional light"],
+    ),
 }  # fmt: skip
 
 
@@ -175,10 +208,10 @@ def test_bad_input_is_told_and_nothing_is_written(folder, capsys, name):
     np.save("square.npy", np.ones((20, 20)))
     np.save("rgb.npy", np.ones((54, 96, 3)))
     np.save("pickle.npy", np.array([{}, 1], object), allow_pickle=True)
-    for value, file in ((np.nan, "nan.npy"), (np.inf, "inf.npy")):
-        bad = good.copy()
-        bad[3, 5] = value
-        np.save(file, bad)
+    np.save("millimetres.npy", (1000 * good).astype(np.uint16))
+    bad = good.copy()
+    bad[3, 5] = np.nan
+    np.save("nan.npy", bad)
     Path("text.npy").write_text("no array")
     Path("broken.exr").write_bytes(bytes.fromhex("762f3101") + bytes(20))
     Path("empty.gltf").write_text(json.dumps({"asset": {"version": "2.0"}, "scenes": [{"nodes": []}], "scene": 0}))

@@ -4,8 +4,9 @@ import functools
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
 from ._checks import instance, shown
 from .objective import Objective, objective_or_default
@@ -108,8 +109,8 @@ class SceneView(eqx.Module):
                 f"receivers: got {shown(receivers)}, expected one of warpopt.receivers, or a kind of your own that "
                 "derives from its Receivers"
             )
-        self.camera, self.light, self.receivers = camera, light, receivers
-        self.screen, self.shadow_map = resolutions(screen, shadow_map)
+        parts = camera, light, receivers, *resolutions(screen, shadow_map)
+        self.camera, self.light, self.receivers, self.screen, self.shadow_map = _of_one_dtype(parts)
 
     def frame(self) -> LightFrame:
         """W's axes, and the screen's units along them."""
@@ -140,6 +141,13 @@ class SceneView(eqx.Module):
         made, extent = _footprint(self, objective)
         receivers = Reduced(made, self.camera, self.light, objective, type(self.receivers).__name__, extent)
         return eqx.tree_at(lambda view: view.receivers, self, receivers)
+
+
+def _of_one_dtype(parts: PyTree) -> PyTree:
+    """The parts with their floating-point arrays in the dtype that they promote to: decided here, for every verb."""
+    inexact, others = eqx.partition(parts, eqx.is_inexact_array)
+    dtype = jnp.result_type(*jax.tree.leaves(inexact))
+    return eqx.combine(jax.tree.map(lambda leaf: leaf.astype(dtype), inexact), others)
 
 
 @functools.partial(jax.jit, static_argnames=("objective",))

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from .._checks import assembled, trusted
 from ..bound.lower_bound import lower_bound
 from ..objective import Objective
+from ..receivers.footprint import Footprint
 from ..rules.body import Body
 from ..solve.optimal_warp import checked_min_eta
 from ..solve.outcome import failed_on_host
 from ..solve.scene import norms_at, refuse_scene, solve_scene
 from ..solve.solution import SceneSolution
-from ..theory.camera import Camera, DirectionalLight
+from ..theory.camera import DirectionalLight
 from ..theory.light_frame import LightFrame
 from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
@@ -66,7 +67,11 @@ def _one_of(view: SceneView, k: int) -> SceneView:
 
 @jax.jit
 def _frusta(view: SceneView) -> FrustumView:
-    """For each light AT09's frustum with the window's extent along the warp, under the light's angle."""
+    """For each light AT09's frustum with the window's extent along the warp, under the light's angle.
+
+    Without a far plane it ends at the farthest receiver.
+    """
+    far = _far(view)
 
     def one(light: DirectionalLight) -> FrustumView:
         camera, frame = view.camera, LightFrame(view.camera, light)
@@ -74,7 +79,7 @@ def _frusta(view: SceneView) -> FrustumView:
         along = jnp.stack([-frame.x_axis[1], frame.x_axis[0]])
         along = along / jnp.sqrt((along * along).sum())
         reach = jnp.abs(camera.corner_slopes()[:, :2] @ along).max()
-        frustum = assembled(ViewFrustum, near=camera.near, far=camera.far, half_fov=jnp.arctan(reach))
+        frustum = assembled(ViewFrustum, near=camera.near, far=far, half_fov=jnp.arctan(reach))
         return assembled(FrustumView, frustum=frustum, theta=jnp.clip(frame.theta, 0, jnp.pi))
 
     return jax.vmap(one)(view.light)
@@ -91,7 +96,7 @@ def _over_lights(
         light, frustum, given = inputs
         solution = solve_scene(eqx.tree_at(lambda v: v.light, view, light), objective, min_eta)
         footprint = solution.footprint
-        body = _body(view.camera, view.receivers.depth_extent(view.camera), footprint, frustum.half_fov)
+        body = _body(view, footprint, frustum.half_fov)
         with trusted():  # of a solution
             warps = [KNOWN[name](body, jnp.clip(solution.frame.theta, 0, jnp.pi)) for name in names]
         eta, defined = [warp.eta for warp in warps], [warp.defined for warp in warps]
@@ -107,11 +112,19 @@ def _over_lights(
     return jax.lax.map(one, (view.light, whole.frustum, apexes), batch_size=together)
 
 
-def _body(camera: Camera, extent: tuple[Array, Array], footprint, half_fov: Array) -> Body:
+def _body(view: SceneView, footprint: Footprint, half_fov: Array) -> Body:
     """What the rules are told of the receivers; of none, the frustum's depths."""
+    extent, planes = view.receivers.depth_extent(view.camera), (view.camera.near, _far(view))
     there = extent[0] <= extent[1]
-    near, far = (jnp.where(there, v, end) for v, end in zip(extent, (camera.near, camera.far), strict=True))
-    return Body(near, far, half_fov, footprint.start, footprint.mu, camera.near, camera.far)
+    near, far = (jnp.where(there, v, end) for v, end in zip(extent, planes, strict=True))
+    return Body(near, far, half_fov, footprint.start, footprint.mu, *planes)
+
+
+def _far(view: SceneView) -> Array:
+    """The camera's far plane, or without one the farthest receiver."""
+    near, far = view.camera.near, view.camera.far
+    farthest = view.receivers.depth_extent(view.camera)[1]
+    return jnp.where(far < jnp.inf, far, jnp.where(farthest > near, farthest, 2 * near))
 
 
 def _bounds(view: SceneView, objective: Objective) -> tuple[NDArray | None, str | None]:

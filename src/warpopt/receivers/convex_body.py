@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 from .._checks import checked, float_arrays
 from .._numerics import unit_nodes
 from ..objective import DENSITY_EXPONENT, Objective
-from ..theory.camera import Camera
+from ..theory.camera import Camera, DirectionalLight
 from ..theory.light_frame import LightFrame
 from .bins import extent_of, from_groups, singles
 from .footprint import Footprint
@@ -74,8 +74,7 @@ class ConvexBody(Receivers):
             if value.shape != (3,):
                 raise ValueError(f"{name}: got shape {value.shape}, expected (3,)")
             checked(name, value, lambda v: v == v, "numbers")
-        # Far enough for any frustum, near enough for the squares of what is clipped there.
-        reach = float(jnp.finfo(lower.dtype).max) ** 0.25
+        reach = _reach(lower.dtype)
         lower, upper = (jnp.clip(value, -reach, reach) for value in (lower, upper))
         eye = jnp.eye(3, dtype=lower.dtype)
         return cls(jnp.concatenate([jnp.c_[eye, -lower], jnp.c_[-eye, upper]]))
@@ -83,8 +82,9 @@ class ConvexBody(Receivers):
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`."""
         planes = self.with_frustum(camera)
-        vertices, valid = vertices_of(planes)
+        vertices, valid, endless = vertices_of(planes)
         footprint = from_groups(singles(valid, vertices, frame), camera.near, grouped=False)
+        footprint = footprint.lost_where(endless | _beyond_reach(vertices, valid))
         if objective.supremum:
             return footprint
         return footprint.with_moments(*_moments(planes, vertices, valid, frame, footprint, objective))
@@ -96,14 +96,29 @@ class ConvexBody(Receivers):
 
     def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> BodyProfile:
         """See `Receivers`."""
-        vertices, valid = map(np.asarray, _vertices(camera, self))
+        vertices, valid, _ = map(np.asarray, _vertices(camera, self))
         planes = self.with_frustum(camera)
         solid = Solid.uniform(planes, DENSITY_EXPONENT[objective.measure])
         return BodyProfile([vertices[valid]], solid, camera, frame)
 
+    def check(self, camera: Camera, light: DirectionalLight, objective: Objective | None) -> None:
+        """See `Receivers`.
+
+        Raises:
+            ValueError: also for a body without end in the view of a camera without a far plane.
+        """
+        Receivers.check(self, camera, light, objective)
+        if any(isinstance(value, jax.core.Tracer) for value in (camera.far, self.planes)):
+            return
+        if jnp.isinf(camera.far).any() and _vertices(camera, self)[2]:
+            raise ValueError(
+                "receivers: got a body that goes on for ever in the view of a camera with far = inf, expected one that "
+                "ends, or a finite far"
+            )
+
     def vertices(self, camera: Camera) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
         """(eye coordinates, which are vertices of B) of its vertices, each some times over."""
-        return vertices_of(self.with_frustum(camera))
+        return vertices_of(self.with_frustum(camera))[:2]
 
     def with_frustum(self, camera: Camera) -> Float[Array, "N 4"]:
         """All half-spaces in eye coordinates, the frustum's first."""
@@ -113,9 +128,21 @@ class ConvexBody(Receivers):
         return jnp.concatenate([camera.planes(), jnp.c_[normals, offsets]])
 
 
+def _reach(dtype) -> float:
+    """Where a box without a side ends: far enough for any frustum, near enough for the squares of what is clipped."""
+    return float(jnp.finfo(dtype).max) ** 0.25
+
+
+def _beyond_reach(vertices: Array, valid: Array) -> Array:
+    """Whether a body ends only where a box without that side does."""
+    return (valid & (jnp.abs(vertices).max(1) > 1e-3 * _reach(vertices.dtype))).any()
+
+
 @jax.jit
-def _vertices(camera: Camera, body: ConvexBody) -> tuple[Array, Array]:
-    return body.vertices(camera)
+def _vertices(camera: Camera, body: ConvexBody) -> tuple[Array, Array, Array]:
+    """(eye coordinates, which are vertices of the body in view, whether it goes on for ever)."""
+    vertices, valid, endless = vertices_of(body.with_frustum(camera))
+    return vertices, valid, endless | _beyond_reach(vertices, valid)
 
 
 def _moments(planes, vertices, valid, frame, footprint: Footprint, objective: Objective):

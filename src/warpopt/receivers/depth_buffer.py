@@ -33,12 +33,13 @@ class DepthBuffer(Receivers):
     Each pixel's centre is one receiver of equal weight: L_P norms are over what is seen. Background is no receiver.
 
     Args:
-        depth: (H, W).
-        encoding: "linear", eye depth, with background at or beyond the far plane, or at 0; "standard", in [0, 1] with
-            0 at the near plane and background at 1; "reversed", in [0, 1] with 1 at the near plane and background at 0.
+        depth: (H, W) or (H, W, 1); half precision is read as single.
+        encoding: "linear", eye depth, with background at or beyond the far plane, infinite, 0 or negative; "standard",
+            in [0, 1] with 0 at the near plane and background at 1; "reversed", in [0, 1] with 1 at the near plane and
+            background at 0. The last two also of projections without a far plane (`Camera.far` inf).
 
     Raises:
-        ValueError: for a wrong shape, NaN, infinity, or values outside the encoding's range.
+        ValueError: for a wrong shape, NaN, or values outside the encoding's range.
 
     Example:
         >>> import numpy as np, warpopt
@@ -57,12 +58,16 @@ class DepthBuffer(Receivers):
 
     def __init__(self, depth: ArrayLike, encoding: Encoding = "linear"):
         (depth,) = float_arrays(depth=depth)
+        if depth.ndim == 3 and depth.shape[2] == 1:
+            depth = depth[..., 0]
+        if jnp.finfo(depth.dtype).bits < 32:
+            depth = depth.astype(jnp.float32)
         if depth.ndim != 2 or 0 in depth.shape:
             raise ValueError(f"depth: got shape {depth.shape}, expected (height, width)")
         if encoding not in ("linear", "standard", "reversed"):
             raise ValueError(f"encoding: got {encoding!r}, expected 'linear', 'standard' or 'reversed'")
         if encoding == "linear":
-            self.depth = checked("depth", depth, lambda d: (d >= 0) & (d < np.inf), "finite eye depths >= 0")
+            self.depth = checked("depth", depth, lambda d: d == d, "eye depths, not NaN")
         else:
             self.depth = checked("depth", depth, lambda d: (d >= 0) & (d <= 1), "numbers in [0, 1]")
         self.encoding = encoding
@@ -85,12 +90,17 @@ class DepthBuffer(Receivers):
         """(which pixels are no background, eye depths, in [near, far] for all)."""
         n, f = camera.near, camera.far
         if self.encoding == "linear":
-            seen = (value > 0) & (value < f)
+            seen = (value > 0) & (value < f)  # inf is not below inf
             return seen, jnp.where(seen, larger(value, n), n)
+        # n / f is 0 without a far plane. Sums of positive terms: f - value (f - n) may round to 0 in a deep frustum.
+        shallow = n / f
         if self.encoding == "standard":
-            # n value + f (1 - value): f - value (f - n) may round to 0 in a deep frustum.
-            return value < 1, n * f / (n * value + f * (1 - value))
-        return value > 0, n * f / (n + value * (f - n))
+            seen = value < 1
+            value = jnp.where(seen, value, 0)
+            return seen, n / (shallow * value + (1 - value))
+        seen = value > 0
+        value = jnp.where(seen, value, 1)
+        return seen, n / (shallow * (1 - value) + value)
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`. A pass for extents, cell by cell, one more where there are silhouettes, one for moments."""

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 from .._checks import checked, float_arrays
 from .._numerics import unit_nodes
 from ..objective import DENSITY_EXPONENT, Objective
-from ..theory.camera import Camera
+from ..theory.camera import Camera, far_plane
 from ..theory.light_frame import LightFrame
 from .bins import Groups, extent_of, from_groups, with_moments
 from .footprint import Footprint
@@ -95,7 +95,7 @@ class DepthHistogram(Receivers):
         edges = jnp.clip(whole, camera.near, camera.far)
         weights = self.counts.astype(edges.dtype) / jnp.diff(whole)  # what is cut off takes its share
         weights = jnp.where(edges[1:] > edges[:-1], weights, 0)
-        planes = camera.planes().at[4:, 3].set(jnp.stack([-edges[0], edges[-1]]))
+        planes = camera.planes().at[4, 3].set(-edges[0]).at[5].set(far_plane(edges[-1]))
         near, far = (np.asarray(v) for v in (edges[:-1], edges[1:]))
         filled = (np.asarray(self.counts) > 0) & (far > near)
         slabs = [slab(camera.corner_slopes(), n, f) for n, f in zip(near[filled], far[filled], strict=True)]

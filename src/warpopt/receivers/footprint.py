@@ -88,6 +88,11 @@ class Footprint(eqx.Module):
         """The same, for an L_P norm."""
         return eqx.tree_at(lambda f: (f.moments, f.unit), self, (moments, unit), is_leaf=lambda v: v is None)
 
+    def lost_where(self, endless: Bool[Array, ""]) -> "Footprint":
+        """The same, or NaN where the receivers have no end, so that no number comes of them."""
+        mu, flat = jnp.where(endless, jnp.nan, self.mu), self.flat & ~endless
+        return eqx.tree_at(lambda f: (f.mu, f.flat), self, (mu, flat))
+
     def at_best(self) -> "Footprint":
         """For a `grouped` footprint: the same groups if each receiver had its group's other depth, and no more width
         than is known.

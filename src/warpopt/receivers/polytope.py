@@ -8,8 +8,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 
-def vertices_of(planes: Float[Array, "K 4"]) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
-    """(points, which are vertices) of a polytope: both ends of its edges, first one of each, then the other.
+def vertices_of(planes: Float[Array, "K 4"]) -> tuple[Float[Array, "N 3"], Bool[Array, " N"], Bool[Array, ""]]:
+    """(points, which are vertices, whether an edge has no end) of a polytope.
+
+    The points are both ends of its edges, first one of each, then the other.
 
     Every edge is a line of two planes, clipped by all others. Points within rounding of the body count as its own, so
     that a body without thickness keeps its vertices.
@@ -31,9 +33,11 @@ def vertices_of(planes: Float[Array, "K 4"]) -> tuple[Float[Array, "N 3"], Bool[
     reach = jnp.sqrt((base * base).sum(-1) + jnp.maximum(start * start, end * end))
     tolerance = 64 * eps * reach
     beside = (others & ~slanted & (inside < -tolerance[:, None])).any(1)
-    valid = crossing & bounded & ~beside & (start <= end + tolerance)
+    valid = crossing & ~beside & (start <= end + tolerance)
+    endless = (valid & ~bounded).any()
+    valid = valid & bounded
     ends = base + start[:, None] * direction, base + end[:, None] * direction
-    return jnp.concatenate(ends), jnp.concatenate([valid, valid])
+    return jnp.concatenate(ends), jnp.concatenate([valid, valid]), endless
 
 
 def clipped(base, direction, normals, offsets, others) -> tuple[Array, Array, Array, Array, Array]:
@@ -66,4 +70,4 @@ def thickened(
     thickness = jnp.where(present, vertices @ planes[:, :3].T + planes[:, 3], -jnp.inf).max(0)
     short = jax.lax.stop_gradient(eps**0.5 * size - thickness)
     thick = planes.at[:, 3].add(jnp.where(valid.any() & (short > 0), short, 0))
-    return thick, *vertices_of(thick)
+    return thick, *vertices_of(thick)[:2]

@@ -1,12 +1,13 @@
 """The whole view frustum as receivers, for any camera and light."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._numerics import larger, unit_nodes
 from ..objective import DENSITY_EXPONENT, Measure, Objective
-from ..theory.camera import Camera
+from ..theory.camera import Camera, DirectionalLight
 from ..theory.light_frame import LightFrame
 from ..theory.light_space import LightDepth
 from .footprint import Footprint, Nearest, Sides, axis_inside, range_of
@@ -28,6 +29,19 @@ class WholeFrustum(Receivers):
     """
 
     measures = EVERY_MEASURE
+
+    def check(self, camera: Camera, light: DirectionalLight, objective: Objective | None) -> None:
+        """See `Receivers`.
+
+        Raises:
+            ValueError: also for a camera without a far plane.
+        """
+        Receivers.check(self, camera, light, objective)
+        if not isinstance(camera.far, jax.core.Tracer) and jnp.isinf(camera.far).any():
+            raise ValueError(
+                "camera: got far = inf with the whole frustum as receivers, expected a finite far, or receivers that "
+                "say what is seen"
+            )
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`. All lengths from sums of non-negative terms: no depth near 0 or 1 loses its digits."""
@@ -69,7 +83,8 @@ class WholeFrustum(Receivers):
             )
         h = (along * z).ravel()
         all_sides = Sides(every, every, right, left, h, h)
-        return Footprint(start, mu, axis, nearest, all_sides, moments, n, jnp.zeros((), bool), flat)
+        footprint = Footprint(start, mu, axis, nearest, all_sides, moments, n, jnp.zeros((), bool), flat)
+        return footprint.lost_where(jnp.isinf(f))  # of a traced camera, which nothing could refuse
 
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """See `Receivers`."""

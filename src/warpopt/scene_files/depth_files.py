@@ -1,73 +1,186 @@
-"""Depth images from `.npy` and OpenEXR files."""
+"""Depth images from files: `.npy`, `.npz`, OpenEXR, PFM and PNG."""
 
+import contextlib
+import os
+import warnings
+import zipfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
-_EXR_MAGIC = bytes.fromhex("762f3101")
+from .depth_image import DepthImage, Encoding, decoded_image
+from .exr_files import MAGIC as _EXR
+from .exr_files import read_exr
+
+_NPY, _NPZ, _PNG = b"\x93NUMPY", b"PK\x03\x04", b"\x89PNG\r\n\x1a\n"
+_PFM = (b"Pf", b"PF")
+_KINDS = ".npy, .npz, OpenEXR, PFM, PNG"
+_MOST_PIXELS = 1 << 28
 
 
-def read_depth(path: Path, encoding: str, channel: str | None = None) -> np.ndarray:
-    """The depths of a file, (height, width), row 0 at the top.
+def read_depth_image(
+    path: Path,
+    *,
+    encoding: Encoding = "linear",
+    channel: str | None = None,
+    part: int | str | None = None,
+    key: str | None = None,
+    scale: float | None = None,
+    background: float | None = None,
+    far: float = np.inf,
+    nan_is_background: bool = False,
+    rows: str = "top_down",
+    distance: str = "planar",
+    window: tuple[float, float, float, float] | None = None,
+) -> DepthImage:
+    """The depths of a file, whose background is inf if linear, 1 if standard and 0 if reversed.
 
     Args:
-        path: `.npy` or `.exr`.
+        path: `.npy`, `.npz`, OpenEXR, `.pfm` or `.png`, known by its first bytes.
         encoding: "linear", "standard" or "reversed", see `warpopt.DepthBuffer`.
-        channel: of an OpenEXR file with more than one; "Z" by default.
+        channel, part: of an OpenEXR file, see `exr_files.read_exr`.
+        key: of a `.npz` with more than one array.
+        scale: what the file's values are multiplied by, 0.001 for millimetres; integers need one.
+        background: values at or beyond it (at or before it if reversed) are background; after `scale`, before
+            `distance`. Infinity, 0 and negative values are background in any case of linear depth.
+        far: of the camera; linear eye depths at or beyond it are background.
+        nan_is_background: NaN is refused if not.
+        rows: "top_down" or "bottom_up", of what its format calls the first row (PFM, stored upwards, is upright).
+        distance: "planar" or "ray", linear depth along the view or along each pixel's ray.
+        window: slopes of the camera's side planes, for `distance="ray"`.
 
     Raises:
-        ValueError: for what is no such file, and for depths that are NaN, infinite or outside the encoding's range.
+        ValueError: in one sentence that names the file, what was got and what was expected.
+        OSError: for a file that cannot be read.
+    """
+    values, there = read_values(path, channel=channel, part=part, key=key)
+    try:
+        return decoded_image(
+            values, there, encoding=encoding, scale=scale, background=background, far=far,
+            nan_is_background=nan_is_background, rows=rows, distance=distance, window=window,
+        )  # fmt: skip
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def read_values(
+    path: Path, *, channel: str | None = None, part: int | str | None = None, key: str | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """(a file's values as they are, whether the file has one), each (height, width).
+
+    Raises:
+        ValueError: in one sentence, for what is no such file.
         OSError: for a file that cannot be read.
     """
     with path.open("rb") as file:
-        start = file.read(6)
-    if start[:4] == _EXR_MAGIC:
-        depth = _exr(path, channel)
-    elif start == b"\x93NUMPY":
-        try:
-            depth = np.load(path, allow_pickle=False)
-        except (ValueError, EOFError) as error:
-            raise ValueError(f"{path}: cannot be read as .npy: {error}") from None
+        start = file.read(8)
+    given = {"channel": channel, "part": part, "key": key}
+    if start[:4] == _EXR:
+        _refuse(path, given, "channel", "part")
+        return read_exr(path, channel, part)
+    if start[:6] == _NPY or start[:4] == _NPZ:
+        _refuse(path, given, *(("key",) if start[:4] == _NPZ else ()))
+        values = _npz(path, key) if start[:4] == _NPZ else _npy(path)
+    elif start == _PNG or (start[:2] in _PFM and start[2:3].isspace()):
+        _refuse(path, given)
+        values = _picture(path, "PNG" if start == _PNG else "PFM")
     else:
-        raise ValueError(f"{path}: got a file that is neither .npy nor OpenEXR, expected one of them")
-    return _checked(depth, encoding, path)
+        raise ValueError(f"{path}: got a file that is neither .npy nor OpenEXR, expected one of {_KINDS}")
+    if values.ndim == 3 and values.shape[2] == 1:
+        values = values[..., 0]
+    if values.ndim != 2 or 0 in values.shape:
+        raise ValueError(f"{path}: got an array of shape {values.shape}, expected (height, width)")
+    return values, np.ones(values.shape, bool)
 
 
-def _checked(depth: np.ndarray, encoding: str, path: Path) -> np.ndarray:
-    if depth.ndim != 2 or 0 in depth.shape:
-        raise ValueError(f"{path}: got an array of shape {depth.shape}, expected (height, width)")
-    if not (np.issubdtype(depth.dtype, np.floating) or np.issubdtype(depth.dtype, np.integer)):
-        raise ValueError(f"{path}: got values of type {depth.dtype}, expected real numbers")
-    depth = depth.astype(float)
-    high = np.inf if encoding == "linear" else 1.0
-    for bad, got, expected in (
-        (np.isnan(depth), "NaN", "finite depths"),
-        (np.isinf(depth), "infinity", "finite depths"),
-        ((depth < 0) | (depth > high), None, "eye depths >= 0" if encoding == "linear" else "numbers in [0, 1]"),
-    ):
-        if bad.any():
-            row, column = (int(i) for i in np.argwhere(bad)[0])
-            value = got or f"{depth[row, column]:g}"
-            raise ValueError(
-                f"{path}: got {value} in row {row}, column {column} ({int(bad.sum())} of {depth.size} pixels are like "
-                f"that), expected {expected} for encoding {encoding!r}"
-            )
-    return depth
+def _refuse(path: Path, given: dict[str, int | str | None], *understood: str) -> None:
+    for name, value in given.items():
+        if value is not None and name not in understood:
+            kinds = ".npz" if name == "key" else "OpenEXR"
+            raise ValueError(f"{path}: got {name} {value!r}, expected none for a file that is not {kinds}")
 
 
-def _exr(path: Path, channel: str | None) -> np.ndarray:
+def _npy(path: Path) -> np.ndarray:
+    with path.open("rb") as file:
+        return _array(path, file, os.fstat(file.fileno()).st_size)
+
+
+def _npz(path: Path, key: str | None) -> np.ndarray:
     try:
-        import OpenEXR
+        archive = zipfile.ZipFile(path)
+    except Exception:  # a broken directory makes it say anything
+        raise ValueError(f"{path}: cannot be read as .npz: got a broken archive") from None
+    with archive:
+        names = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+        told = f"{path}: got arrays {', '.join(names) or 'none'}"
+        if key is None and len(names) != 1:
+            raise ValueError(f"{told}, expected the key of one")
+        if key is not None and key not in names:
+            raise ValueError(f"{told}, expected {key!r} among them")
+        info = next(iter(names.values())) if key is None else names[key]
+        try:
+            file = archive.open(info)
+        except Exception:  # encrypted, a method of its own, a broken header
+            raise ValueError(f"{path}: cannot be read as .npz: got a broken or locked entry {info.filename}") from None
+        with file:
+            return _array(path, file, info.file_size)
+
+
+def _array(path: Path, file: IO[bytes], size: int) -> np.ndarray:
+    """The array of a `.npy` stream of `size` bytes."""
+    try:
+        with _quiet():
+            version = np.lib.format.read_magic(file)
+            read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+            shape, turned, dtype = read(file)
+    except Exception:  # the header is a Python literal, and its parser says anything
+        raise ValueError(f"{path}: cannot be read as .npy: got a broken header") from None
+    if dtype.hasobject:
+        raise ValueError(f"{path}: cannot be read as .npy: got Python objects, expected numbers")
+    if dtype.kind not in "fiu":
+        raise ValueError(f"{path}: got values of type {dtype}, expected real numbers")
+    promised = dtype.itemsize
+    for length in shape:  # in Python's integers, which do not overflow
+        promised *= length
+    # Compared before anything is made: a header of 100 bytes may promise terabytes.
+    if promised > size or min(shape, default=0) < 0:
+        raise ValueError(f"{path}: cannot be read as .npy: got {size:,} bytes, expected {promised:,} of shape {shape}")
+    try:
+        content = file.read(promised)
+    except Exception:  # what a broken archive makes its decoder say
+        content = b""
+    if len(content) < promised:
+        raise ValueError(f"{path}: cannot be read as .npy: got {len(content):,} bytes of values, expected {promised:,}")
+    return np.ndarray(shape, dtype, content, order="F" if turned else "C")
+
+
+def _picture(path: Path, kind: str) -> np.ndarray:
+    try:
+        from PIL import Image
     except ImportError:
         raise ValueError(
-            f"{path}: got an OpenEXR file, expected the package OpenEXR to read it with: pip install 'warpopt[scene]'"
+            f"{path}: got a {kind} file, expected the package pillow to read it with: pip install 'warpopt[scene]'"
         ) from None
+    values = None
     try:
-        channels = OpenEXR.File(str(path), separate_channels=True).channels()
-    except Exception as error:  # the reader has no error class of its own
-        raise ValueError(f"{path}: cannot be read as OpenEXR: {error}") from None
-    names = sorted(channels)
-    wanted = channel or ("Z" if "Z" in channels or len(names) != 1 else names[0])
-    if wanted not in channels:
-        raise ValueError(f"{path}: got channels {', '.join(names) or 'none'}, expected {wanted!r} among them")
-    return np.asarray(channels[wanted].pixels)
+        with _quiet(), Image.open(path, formats=("PNG",) if kind == "PNG" else ("PPM",)) as image:
+            mode, (width, height) = image.mode, image.size
+            fits = width * height <= _MOST_PIXELS
+            if fits and (mode in ("F", "L") or mode.startswith("I")):
+                values = np.array(image)
+    except Exception:  # broken data makes it say anything
+        raise ValueError(f"{path}: cannot be read as {kind}: got broken data, or colours") from None
+    if not fits:
+        raise ValueError(f"{path}: got {width} x {height} pixels, expected at most {_MOST_PIXELS:,}")
+    if values is None:
+        raise ValueError(f"{path}: got a {kind} of mode {mode}, expected one channel of grey")
+    return values
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of large images, whose size is bounded here
+        yield

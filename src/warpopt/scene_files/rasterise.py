@@ -19,11 +19,12 @@ def rasterise(triangles: np.ndarray, camera: SceneCamera, height: int, width: in
     """
     eye = camera.to_eye(np.asarray(triangles, float))
     eye = eye[(eye[..., 2].max(1) > camera.near) & (eye[..., 2].min(1) < camera.far)]
-    normals = np.cross(eye[:, [1, 2, 0]], eye[:, [2, 0, 1]])  # edge functions: one vector for each vertex
-    volume = (eye[:, 0] * normals[:, 0]).sum(1)
-    seen = volume != 0  # edge-on, or no area
-    eye, normals, volume = eye[seen], normals[seen], volume[seen]
-    weights = normals / volume[:, None, None]
+    size = np.abs(eye).max((1, 2), initial=0)[:, None, None]  # of each triangle, so that no product over- or underflows
+    unit = eye / size
+    normals = np.cross(unit[:, [1, 2, 0]], unit[:, [2, 0, 1]])  # edge functions: one vector for each vertex
+    volume = (unit[:, 0] * normals[:, 0]).sum(1)
+    seen = np.abs(volume) > np.finfo(float).tiny  # not edge-on, and of some area
+    eye, weights = eye[seen], normals[seen] / volume[seen, None, None] / size[seen]
     first, counts = _pixel_boxes(eye, camera, height, width)
     depth = np.full(height * width, np.inf)
     across, up = camera.slopes(height, width)
@@ -38,8 +39,9 @@ def rasterise(triangles: np.ndarray, camera: SceneCamera, height: int, width: in
         column = first[which, 0] + place % np.maximum(counts[which, 0], 1)
         row = first[which, 1] + place // np.maximum(counts[which, 0], 1)
         w = weights[which]
-        shares = w[..., 0] * across[column][:, None] + w[..., 1] * up[row][:, None] + w[..., 2]
-        inverse = shares.sum(1)
+        with np.errstate(over="ignore", invalid="ignore"):  # inf and NaN are no hit
+            shares = w[..., 0] * across[column][:, None] + w[..., 1] * up[row][:, None] + w[..., 2]
+            inverse = shares.sum(1)
         hit = (shares >= 0).all(1) & (inverse > 1 / camera.far) & (inverse <= 1 / camera.near)
         np.minimum.at(depth, (row * width + column)[hit], 1 / inverse[hit])
         start = stop
@@ -54,6 +56,7 @@ def _pixel_boxes(eye: np.ndarray, camera: SceneCamera, height: int, width: int) 
     crossing = ahead != (z_other >= camera.near)
     share = np.where(crossing, (camera.near - z) / np.where(crossing, z_other - z, 1), 0)
     cut = eye + share[..., None] * (other - eye)
+    cut[..., 2] = camera.near  # not what rounding leaves of a near plane much nearer than the vertices
     points = np.concatenate([eye, cut], axis=1)
     there = np.concatenate([ahead, crossing], axis=1)
     slopes = points[..., :2] / np.where(there, points[..., 2], 1)[..., None]

@@ -77,3 +77,9 @@ def centred_window(half_fov: float, aspect: float) -> tuple[float, float, float,
     """The window of half a vertical field of view, in radians."""
     top = float(np.tan(half_fov))
     return -top * aspect, top * aspect, -top, top
+
+
+def centred_window_across(half_fov_x: float, aspect: float) -> tuple[float, float, float, float]:
+    """The window of half a horizontal field of view, in radians."""
+    right = float(np.tan(half_fov_x))
+    return -right, right, -right / aspect, right / aspect

@@ -49,7 +49,7 @@ _SENTENCES = {
     Outcome.empty: "There are no receivers: nothing needs a shadow map.",
     Outcome.not_converged: "The root finder ran out of steps before its bracket closed.",
     Outcome.inaccurate: "The quadrature's own error estimate exceeds its tolerance; the optimum is not certified.",
-    Outcome.not_finite: "The norm is not a finite number: far/near beyond 7.9e13, or NaN input.",
+    Outcome.not_finite: "The norm is not a finite number: far/near beyond 7.9e13, receivers without end, or NaN input.",
 }
 
 

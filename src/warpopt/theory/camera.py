@@ -7,7 +7,6 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from .._checks import checked, float_arrays
-from .view_frustum import ViewFrustum
 
 
 class Camera(eqx.Module):
@@ -20,7 +19,8 @@ class Camera(eqx.Module):
         position: (3,) world position of the eye.
         forward: (3,) world direction of view, of any length.
         up: (3,) world direction that is up on the screen, not parallel to `forward`.
-        near, far: distances of the near and far planes, 0 < near < far.
+        near, far: distances of the near and far planes, 0 < near < far; far may be inf, of a projection without a far
+            plane.
         half_fov: half the vertical field of view, in radians, in (0, pi/2).
         aspect: width over height of the screen.
         handedness: "right" or "left", of the world's axes (OpenGL, Vulkan and glTF: right; Direct3D: left).
@@ -53,16 +53,14 @@ class Camera(eqx.Module):
         handedness: str = "right",
     ):
         position, forward, up = _vectors(position=position, forward=forward, up=up)
-        frustum = ViewFrustum(near, far, half_fov)
-        if frustum.near.shape:
-            raise ValueError(
-                f"near, far, half_fov: got shape {frustum.near.shape}, expected numbers; use jax.vmap for more"
-            )
-        (aspect,) = float_arrays(aspect=aspect)
+        near, far, half_fov, aspect = _numbers(near=near, far=far, half_fov=half_fov, aspect=aspect)
+        near = checked("near", near, lambda v: (v > 0) & (v < np.inf), "a finite number > 0")
+        far = checked("far", far, lambda v, near: v > near, "a number > near, or inf", near)
+        half_fov = checked("half_fov", half_fov, lambda v: (v > 0) & (v < np.pi / 2), "radians in (0, pi/2)")
         aspect = checked("aspect", aspect, lambda v: (v > 0) & (v < np.inf), "a finite number > 0")
-        top = jnp.tan(frustum.half_fov)
+        top = jnp.tan(half_fov)
         right = top * aspect
-        self._set(position, _rotation(forward, up, handedness), frustum.near, frustum.far, (-right, right, -top, top))
+        self._set(position, _rotation(forward, up, handedness), near, far, (-right, right, -top, top))
 
     def _set(self, position, rotation, near, far, window):
         dtype = jnp.result_type(position, rotation, near, far, *window)
@@ -158,12 +156,15 @@ class Camera(eqx.Module):
         return jnp.stack([jnp.stack([x, y, one]) for x in (left, right) for y in (bottom, top)])
 
     def planes(self) -> Float[Array, "6 4"]:
-        """The frustum in eye coordinates as half-spaces normal . c + offset >= 0, normals of unit length."""
+        """The frustum in eye coordinates as half-spaces normal . c + offset >= 0, normals of unit length.
+
+        Without a far plane the last is all of space: normal 0, offset 1.
+        """
         left, right, bottom, top = self.window
         zero, one = jnp.zeros_like(left), jnp.ones_like(left)
         sides = [(one, zero, -left), (-one, zero, right), (zero, one, -bottom), (zero, -one, top)]
         normals = jnp.stack([jnp.stack(v) / jnp.sqrt(1 + v[2] ** 2) for v in sides])
-        ends = jnp.stack([jnp.stack([zero, zero, one, -self.near]), jnp.stack([zero, zero, -one, self.far])])
+        ends = jnp.stack([jnp.stack([zero, zero, one, -self.near]), far_plane(self.far)])
         return jnp.concatenate([jnp.pad(normals, ((0, 0), (0, 1))), ends])
 
 
@@ -200,6 +201,21 @@ def normalised(name: str, vector: Float[Array, "3"]) -> Float[Array, "3"]:
     largest = checked(name, largest, lambda v: v > 0, "a vector that is not zero")
     scaled = vector / largest
     return scaled / jnp.sqrt((scaled * scaled).sum())
+
+
+def far_plane(far: Float[Array, ""]) -> Float[Array, "4"]:
+    """The half-space before a far plane, in eye coordinates; all of space for inf."""
+    zero, one = jnp.zeros_like(far), jnp.ones_like(far)
+    ends = far < jnp.inf
+    return jnp.stack([zero, zero, jnp.where(ends, -one, zero), jnp.where(ends, far, one)])
+
+
+def _numbers(**named: ArrayLike) -> list[Array]:
+    values = float_arrays(**named)
+    for name, value in zip(named, values, strict=True):
+        if value.shape:
+            raise ValueError(f"{name}: got shape {value.shape}, expected a number; use jax.vmap for more")
+    return values
 
 
 def _vectors(**named: ArrayLike) -> list[Array]:

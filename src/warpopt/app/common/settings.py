@@ -172,8 +172,12 @@ def _flaw(flaw: Any) -> str:
 
 def _expectation(message: str) -> str:
     """pydantic's words in ours."""
-    if message.startswith("List should have at least"):
+    if message.startswith(("List should have at least", "Value should have at least 1 item")):
         return "expected at least one item"
+    if "not a valid path" in message:
+        return "expected a path"
+    if message.endswith("exceeded maximum size") or "parse string" in message:
+        return "expected a valid integer" if "integer" in message else "expected a valid number"
     if "valid dictionary" in message:
         return "expected a table of keys"
     return message.replace("Input should be", "expected").replace("Input should have", "expected")

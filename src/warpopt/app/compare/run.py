@@ -66,6 +66,8 @@ def run_compare(
         outcomes = outcome_counts([c.result.solution.result for c in compared])
         write_mark(folder, environment(config, jax.numpy.zeros(0).dtype, timings) | {"outcomes": outcomes})
     failures = sum(int(c.result.failed.sum()) for c in compared)
+    for note in () if scene is None else scene.notes:
+        console.print(note, soft_wrap=True, markup=False)
     _summarise(console, config.output.directory, compared, failures)
     return 1 if failures else 0
 

@@ -4,14 +4,13 @@ import dataclasses
 import math
 from collections.abc import Callable
 
-import jax
 import numpy as np
 
 import warpopt
 from warpopt.objective import Objective
 
 from ..inputs.scene_files import SceneInput
-from ..inputs.scene_values import camera_of, receivers_of
+from ..inputs.scene_values import views_of
 from .settings import CompareConfig, SceneCompareConfig
 
 
@@ -65,16 +64,7 @@ def compare_over_scene(
     """Every objective over the receivers of each distinct camera."""
     if not scene.lights:
         return []
-    asked = config.objective
-    lights = jax.vmap(warpopt.DirectionalLight)(np.array(scene.lights, float))
-    compared = []
-    views = [
-        warpopt.SceneView(
-            camera_of(camera), lights, receivers_of(config, scene, i),
-            screen=asked.screen, shadow_map=asked.shadow_map,
-        )
-        for i, camera in enumerate(scene.cameras)
-    ]  # fmt: skip
+    asked, compared, views = config.objective, [], views_of(config, scene)
     for objective in asked.objectives():
         for i, view in enumerate(views):
             result = warpopt.compare_rules(view, rules, objective, min_eta=asked.min_eta)

@@ -1,18 +1,21 @@
 """What a scene's configuration refers to, read and checked before anything is computed. Knows nothing of JAX."""
 
+import contextlib
 import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from ...scene_files.depth_files import read_depth
-from ...scene_files.gltf import read_camera, read_triangles
+from ...scene_files.depth_files import read_values
+from ...scene_files.depth_image import decoded_image
+from ...scene_files.gltf import read_geometry, read_gltf_camera, read_light
 from ...scene_files.landscape import landscape
 from ...scene_files.rasterise import rasterise
 from ...scene_files.scene_camera import SceneCamera
 from ..common.settings import ConfigError
 from .light_path import Step, light_path
-from .scene_settings import SceneSettings
+from .scene_settings import DepthReceivers, SceneLight, SceneSettings
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -23,9 +26,10 @@ class SceneInput:
         cameras: the distinct ones, and
         camera_of: for each of the configuration, which of them it is.
         depths: an image (height, width) for each distinct camera, encoded as `encoding`; empty for other receivers.
-        encoding: see `warpopt.DepthBuffer`.
+        encoding: see `warpopt.receivers.DepthBuffer`.
         casters: (N, 3) world points of what casts shadows, where more is known than the receivers.
         steps, lights: see `light_path`.
+        notes: sentences for the user: what of the files was left out, and why an image is empty.
     """
 
     cameras: list[SceneCamera]
@@ -35,6 +39,7 @@ class SceneInput:
     casters: np.ndarray | None
     steps: list[Step]
     lights: list[tuple[float, float, float]]
+    notes: list[str]
 
 
 def read_scene(config: SceneSettings, folder: Path) -> SceneInput:
@@ -43,18 +48,17 @@ def read_scene(config: SceneSettings, folder: Path) -> SceneInput:
     Raises:
         ConfigError: naming the key, what was got and what was expected.
     """
-    receivers = config.receivers
-    steps, lights = light_path(config.light, config.handedness)
-    cameras = [c.scene_camera(config.handedness, config.default_aspect()) for c in config.camera]
-    if receivers.gltf is not None and not cameras:
-        cameras = [_gltf_camera(config, folder / receivers.gltf.file)]
-    depths, encoding, casters = [], "linear", None
+    receivers, notes = config.receivers, []
+    steps, lights = light_path(_light(config, folder), config.handedness)
+    depths, casters = [], None
     if receivers.depth is not None:
-        encoding = receivers.depth.encoding
-        depths = [_depth(config, i, camera, folder) for i, camera in enumerate(cameras)]
+        cameras, depths = _seen_in_files(config, receivers.depth, folder, notes)
         # Two frames of one camera are two scenes.
         keys = [(camera.key, depth.tobytes()) for camera, depth in zip(cameras, depths, strict=True)]
     else:
+        cameras = [_camera(config, i, None) for i in range(len(config.camera))]
+        if receivers.gltf is not None and not cameras:
+            cameras = [_gltf_camera(config, folder / receivers.gltf.file)]
         keys = [camera.key for camera in cameras]
     first = {key: keys.index(key) for key in keys}
     order = list(first)
@@ -62,56 +66,95 @@ def read_scene(config: SceneSettings, folder: Path) -> SceneInput:
     depths = [depths[i] for i in first.values()] if depths else []
     made = receivers.gltf or receivers.landscape
     if made is not None:
-        triangles = _triangles(config, folder)
+        triangles = _triangles(config, folder, notes)
         casters = triangles.reshape(-1, 3)
         sizes = [(max(1, round(made.width / camera.aspect)), made.width) for camera in distinct]
         depths = [rasterise(triangles, camera, *size) for camera, size in zip(distinct, sizes, strict=True)]
     elif receivers.box is not None:
         lower, upper = receivers.box.lower, receivers.box.upper
         casters = np.stack(np.meshgrid(*zip(lower, upper, strict=True)), -1).reshape(-1, 3)
-    return SceneInput(distinct, [order.index(key) for key in keys], depths, encoding, casters, steps, lights)
+    encoding = "linear" if receivers.depth is None else receivers.depth.encoding
+    return SceneInput(distinct, [order.index(key) for key in keys], depths, encoding, casters, steps, lights, notes)
 
 
-def _refused(key: str, error: Exception) -> ConfigError:
-    if isinstance(error, OSError):
-        return ConfigError(f"{key}: {error.filename}: cannot be read: {error.strerror}")
-    return ConfigError(f"{key}: {error}")
+@contextlib.contextmanager
+def _told_of(key: str) -> Iterator[None]:
+    """Give a reader's flaw the key of the configuration that it came from."""
+    try:
+        yield
+    except OSError as error:
+        raise ConfigError(f"{key}: {error.filename}: cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise ConfigError(f"{key}: {error}") from None
 
 
-def _triangles(config: SceneSettings, folder: Path) -> np.ndarray:
+def _light(config: SceneSettings, folder: Path) -> SceneLight:
+    """The light, with a file's direction in the place of the file."""
+    which = config.light.from_file
+    if which is None:
+        return config.light
+    with _told_of("light.from_file"):
+        direction = read_light(folder / config.receivers.gltf.file, None if which is True else which)
+    return SceneLight(direction=direction)
+
+
+def _camera(config: SceneSettings, i: int, size: tuple[int, int] | None) -> SceneCamera:
+    with _told_of(f"camera.{i}"):
+        size = size or config.objective.screen
+        return config.camera[i].scene_camera(config.handedness, config.default_aspect(), size)
+
+
+def _triangles(config: SceneSettings, folder: Path, notes: list[str]) -> np.ndarray:
     made = config.receivers.landscape
     if made is not None:
         return landscape(made.seed, made.size, made.relief, made.cells)
-    try:
-        return read_triangles(folder / config.receivers.gltf.file)
-    except (OSError, ValueError) as error:
-        raise _refused("receivers.gltf.file", error) from None
+    gltf = config.receivers.gltf
+    with _told_of("receivers.gltf.file"):
+        found = read_geometry(folder / gltf.file, include=gltf.include, exclude=gltf.exclude)
+    notes += (f"{gltf.file}: {note}" for note in found.report.notes())
+    return found.triangles
 
 
 def _gltf_camera(config: SceneSettings, path: Path) -> SceneCamera:
     gltf = config.receivers.gltf
-    try:
-        return read_camera(path, gltf.camera, config.default_aspect(), gltf.far)
-    except (OSError, ValueError) as error:
-        raise _refused("receivers.gltf.file", error) from None
+    with _told_of("receivers.gltf.camera"):
+        found = read_gltf_camera(path, gltf.camera)
+        camera = found.scene_camera(config.default_aspect())
+        far = gltf.far or camera.far
+        if not camera.near < far:
+            raise ValueError(f"{path}: camera {found.name!r}: got far {far:g}, expected more than {camera.near:g}")
+    return dataclasses.replace(camera, far=float(far))
 
 
-def _depth(config: SceneSettings, i: int, camera: SceneCamera, folder: Path) -> np.ndarray:
-    asked = config.receivers.depth
-    path = folder / asked.files[i]
-    key = f"receivers.depth.files.{i}"
-    try:
-        depth = read_depth(path, asked.encoding, asked.channel)
-    except (OSError, ValueError) as error:
-        raise _refused(key, error) from None
-    height, width = depth.shape
-    if asked.size is not None and (width, height) != tuple(asked.size):
-        expected = f"{asked.size[0]} x {asked.size[1]} (receivers.depth.size)"
-        raise ConfigError(f"{key}: {path}: got {width} x {height} pixels, expected {expected}")
-    # Square pixels, up to a size that was rounded to whole ones.
-    if abs(width - camera.aspect * height) > max(1.0, camera.aspect):
-        raise ConfigError(
-            f"{key}: {path}: got {width} x {height} pixels, expected width / height = {camera.aspect:g}, the aspect of "
-            f"camera.{i}"
-        )
-    return depth
+def _seen_in_files(
+    config: SceneSettings, asked: DepthReceivers, folder: Path, notes: list[str]
+) -> tuple[list[SceneCamera], list[np.ndarray]]:
+    """Each camera, and its image."""
+    cameras, depths = [], []
+    for i, file in enumerate(asked.files):
+        path, key = folder / file, f"receivers.depth.files.{i}"
+        with _told_of(key):
+            values, there = read_values(path, channel=asked.channel, part=asked.part, key=asked.key)
+        height, width = values.shape
+        if asked.size is not None and (width, height) != tuple(asked.size):
+            expected = f"{asked.size[0]} x {asked.size[1]} (receivers.depth.size)"
+            raise ConfigError(f"{key}: {path}: got {width} x {height} pixels, expected {expected}")
+        camera = _camera(config, i, (width, height))
+        pinhole = config.camera[i].fx is not None
+        # Square pixels, up to a size that was rounded to whole ones; a pinhole camera says what its are.
+        if not pinhole and abs(width - camera.aspect * height) > max(1.0, camera.aspect):
+            raise ConfigError(
+                f"{key}: {path}: got {width} x {height} pixels, expected width / height = {camera.aspect:g}, the "
+                f"aspect of camera.{i}"
+            )
+        with _told_of(f"{key}: {path}"):
+            image = decoded_image(
+                values, there, encoding=asked.encoding, scale=asked.scale, background=asked.background,
+                far=camera.far, nan_is_background=asked.nan_is_background, rows=asked.rows, distance=asked.distance,
+                window=camera.window,
+            )  # fmt: skip
+        blank = image.why_blank()
+        notes += [f"{file}: {blank}"] if blank else []
+        cameras.append(camera)
+        depths.append(image.depth)
+    return cameras, depths

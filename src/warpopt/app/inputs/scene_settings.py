@@ -1,4 +1,4 @@
-"""A scene in a configuration: cameras, light, receivers, objective. Knows nothing of JAX."""
+"""A scene in a configuration: light, receivers, objective. Knows nothing of JAX."""
 
 import itertools
 import math
@@ -11,123 +11,18 @@ from pydantic import Field
 
 from warpopt.objective import METRICS, Measure, Objective
 
-from ...scene_files.scene_camera import SceneCamera, centred_window, orientation
-from ..common.settings import Distinct, HalfFovDeg, NearFar, Norm, Positive, Section, listed
+from ...scene_files.scene_camera import orientation
+from ..common.settings import Distinct, Norm, Positive, Section, listed
+from .camera_settings import CameraConfig, Direction, Number, Resolution, Triple, Vector, exactly_one
 
-_RIGID = 1e-4  # entries with four digits after the point still make a matrix that is meant as a rotation
-
-
-def _vector(value: Any) -> Any:
-    if not isinstance(value, list | tuple) or len(value) != 3 or not all(_is_number(v) for v in value):
-        raise ValueError("expected three numbers")
-    if not all(math.isfinite(v) for v in value):
-        raise ValueError("expected three finite numbers")
-    return tuple(float(v) for v in value)
+Index = Annotated[int, Field(ge=0, strict=True)]  # true is no number
 
 
-def _direction(value: Any) -> Any:
-    value = _vector(value)
-    if not any(value):
-        raise ValueError("expected a vector that is not zero")
+def _file_s_light(value: Any) -> Any:
+    whole = isinstance(value, int) and value >= 0 and value is not False
+    if not (value is True or whole or isinstance(value, str) or value is None):
+        raise ValueError("expected true, the number of a light or its name")
     return value
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-Triple = tuple[float, float, float]
-Vector = Annotated[Triple, pydantic.BeforeValidator(_vector)]
-Direction = Annotated[Triple, pydantic.BeforeValidator(_direction)]
-Resolution = tuple[Annotated[int, Field(ge=1, le=65_536)], Annotated[int, Field(ge=1, le=65_536)]]
-
-
-def _exactly_one(section: Any, names: tuple[str, ...]) -> None:
-    given = [name for name in names if getattr(section, name) is not None]
-    if len(given) != 1:
-        raise ValueError(f"got {' and '.join(given) or 'none of them'}, expected exactly one of {', '.join(names)}")
-
-
-def _view_matrix(value: Any) -> Any:
-    rows = value if isinstance(value, list | tuple) else []
-    if len(rows) != 4 or not all(isinstance(row, list | tuple) and len(row) == 4 for row in rows):
-        raise ValueError("expected four rows of four numbers")
-    if not all(_is_number(v) and math.isfinite(v) for row in rows for v in row):
-        raise ValueError("expected finite numbers")
-    matrix = np.array(rows, float)
-    turn = matrix[:3, :3]  # the translation may be large, and has no part in it
-    if abs(np.linalg.det(turn / max(np.abs(turn).max(), 1e-300))) < 1e-12:
-        raise ValueError("expected a matrix that is not singular")
-    if np.abs(turn @ turn.T - np.eye(3)).max() > _RIGID or np.abs(matrix[3] - [0, 0, 0, 1]).max() > _RIGID:
-        raise ValueError(
-            "expected a rigid world-to-eye matrix for column vectors: orthonormal rows and (0, 0, 0, 1) last"
-        )
-    return value
-
-
-class CameraConfig(NearFar):
-    """A camera: position, forward or target, and up; or a view_matrix."""
-
-    position: Vector | None = None
-    forward: Direction | None = None
-    target: Vector | None = None
-    """A world point in the middle of the view, in the place of `forward`."""
-    up: Direction = (0.0, 1.0, 0.0)
-    view_matrix: Annotated[list[list[float]], pydantic.BeforeValidator(_view_matrix)] | None = None
-    """World to eye, for column vectors, in the place of position, forward and up."""
-    looks_along: Literal["-z", "+z"] = "-z"
-    """The eye axis of `view_matrix` that points into the scene: -z (OpenGL, Vulkan) or +z (Direct3D)."""
-    near: Positive
-    far: Positive
-    half_fov_deg: HalfFovDeg | None = None
-    """Half the vertical field of view."""
-    aspect: Positive | None = None
-    """Width over height; that of objective.screen, or 1, if not given."""
-    window: tuple[float, float, float, float] | None = None
-    """Slopes (left, right, bottom, top) of the side planes, in the place of half_fov_deg and aspect."""
-
-    @pydantic.model_validator(mode="after")
-    def _complete(self) -> "CameraConfig":
-        _exactly_one(self, ("position", "view_matrix"))
-        _exactly_one(self, ("half_fov_deg", "window"))
-        if self.view_matrix is not None:
-            if self.forward is not None or self.target is not None:
-                raise ValueError("got forward or target beside view_matrix, expected one or the other")
-        else:
-            _exactly_one(self, ("forward", "target"))
-            if np.linalg.norm(self._forward()) == 0:
-                raise ValueError(f"got target {self.target}, which is the position, expected another point")
-            try:
-                orientation(self._forward(), np.array(self.up), "right")
-            except ValueError as error:
-                raise ValueError(f"up: got {self.up}, {error}") from None
-        if self.window is not None:
-            left, right, bottom, top = self.window
-            if self.aspect is not None:
-                raise ValueError("got aspect beside window, expected one or the other")
-            if not (left < right and bottom < top):
-                raise ValueError(f"window: got {self.window}, expected left < right and bottom < top")
-        return self
-
-    def _forward(self) -> np.ndarray:
-        if self.forward is not None:
-            return np.array(self.forward)
-        return np.array(self.target) - np.array(self.position)
-
-    def scene_camera(self, handedness: str, default_aspect: float) -> SceneCamera:
-        """The camera in numbers."""
-        aspect = self.aspect or default_aspect
-        window = self.window or centred_window(math.radians(self.half_fov_deg), aspect)
-        if self.view_matrix is None:
-            rotation = orientation(self._forward(), np.array(self.up), handedness)
-            return SceneCamera(np.array(self.position), rotation, self.near, self.far, window)
-        matrix = np.array(self.view_matrix, float)
-        # The nearest rotation: text has few digits, and the library asks for all.
-        u, _, v = np.linalg.svd(matrix[:3, :3])
-        turn = u @ v
-        side = 1 if self.looks_along == "+z" else -1
-        position = -turn.T @ matrix[:3, 3]
-        return SceneCamera(position, np.stack([turn[0], turn[1], side * turn[2]]), self.near, self.far, window)
 
 
 class SunPath(Section):
@@ -148,7 +43,7 @@ class SunPath(Section):
 
     @pydantic.model_validator(mode="after")
     def _complete(self) -> "SunPath":
-        _exactly_one(self, ("day", "declination_deg"))
+        exactly_one(self, ("day", "declination_deg"))
         if self.stop_hour < self.start_hour:
             raise ValueError(f"stop_hour: got {self.stop_hour}, expected at least start_hour = {self.start_hour}")
         try:
@@ -171,6 +66,8 @@ class SceneLight(Section):
     """World direction in which the light travels."""
     path: SunPath | Annotated[list[Direction], Field(min_length=1)] | None = None
     """The sun over a day, or a list of directions."""
+    from_file: Annotated[Index | Literal[True] | str | None, pydantic.BeforeValidator(_file_s_light)] = None
+    """A directional light of the glTF file: true for the only one, or its number or name."""
 
     @pydantic.field_validator("path", mode="wrap")
     @classmethod
@@ -184,7 +81,7 @@ class SceneLight(Section):
 
     @pydantic.model_validator(mode="after")
     def _one(self) -> "SceneLight":
-        _exactly_one(self, ("direction", "path"))
+        exactly_one(self, ("direction", "path", "from_file"))
         return self
 
 
@@ -221,12 +118,24 @@ class PlaneReceivers(Section):
 
 
 class DepthReceivers(Section):
-    """The depth buffer of the frame: one `.npy` or OpenEXR file for each camera."""
+    """The depth buffer of the frame: one `.npy`, `.npz`, OpenEXR, PFM or 16-bit PNG file for each camera."""
 
     files: Annotated[list[Path], pydantic.BeforeValidator(listed), Field(min_length=1)]
     encoding: Literal["linear", "standard", "reversed"] = "linear"
     channel: str | None = None
-    """Of an OpenEXR file; Z by default."""
+    """Of an OpenEXR file; Z, or the only layer's, by default."""
+    part: Index | str | None = None
+    """Of an OpenEXR file of several parts, by number or name."""
+    key: str | None = None
+    """Of a `.npz` with more than one array."""
+    scale: Positive | None = None
+    """What the file's values are multiplied by, 0.001 for millimetres; integers need one."""
+    background: Number | None = None
+    """Values at or beyond it are background; the camera's far plane by default. inf, 0 and less always are."""
+    nan_is_background: bool = False
+    rows: Literal["top_down", "bottom_up"] = "top_down"
+    distance: Literal["planar", "ray"] = "planar"
+    """ray: along each pixel's ray, as AirSim and CARLA write it."""
     size: Resolution | None = None
     """(width, height) that the files must have. The camera's aspect is expected in any case."""
 
@@ -240,10 +149,14 @@ class GltfReceivers(_Rasterised):
     """The visible surfaces of a glTF file, and its camera if there is no [camera]."""
 
     file: Path
-    camera: Annotated[int, Field(ge=0)] = 0
-    """Which of the file's cameras."""
+    camera: Index | str = 0
+    """Which of the file's cameras, by number or name."""
     far: Positive | None = None
-    """Far plane of the file's camera, which may have none."""
+    """Far plane in the place of the file's camera's own, which may have none."""
+    include: Annotated[list[str], pydantic.BeforeValidator(listed)] = Field([])
+    """Patterns such as "Terrain*" of names of nodes (with all below them) and materials: only what matches counts."""
+    exclude: Annotated[list[str], pydantic.BeforeValidator(listed)] = Field([])
+    """Likewise what is left out: skies, clouds."""
 
 
 class LandscapeReceivers(_Rasterised):
@@ -270,7 +183,7 @@ class ReceiverConfig(Section):
 
     @pydantic.model_validator(mode="after")
     def _one(self) -> "ReceiverConfig":
-        _exactly_one(self, tuple(type(self).model_fields))
+        exactly_one(self, tuple(type(self).model_fields))
         return self
 
     @property
@@ -333,8 +246,15 @@ class SceneSettings(Section):
         gltf, depth = self.receivers.gltf, self.receivers.depth
         if not self.camera and gltf is None:
             raise ValueError("camera: missing (only a glTF file may bring its own)")
+        own = sorted({"camera", "far"} & gltf.model_fields_set) if gltf is not None and self.camera else []
+        if own:
+            raise ValueError(f"receivers.gltf.{own[0]}: got one beside [camera], expected one or the other")
         if gltf is not None and self.handedness == "left":
             raise ValueError("handedness: got 'left', expected 'right' with glTF, whose axes are right-handed")
+        if self.light.from_file is not None and gltf is None:
+            raise ValueError("light.from_file: got one without receivers.gltf, expected a glTF file to read it from")
+        if self.receivers.whole_frustum is not None and any(camera.far is None for camera in self.camera):
+            raise ValueError("camera.far: missing or inf, expected a far plane with receivers.whole_frustum")
         measure, receivers = self.objective.measure, self.receivers
         body = receivers.box is not None or receivers.planes is not None
         if receivers.whole_frustum is None and measure != "screen" and not (body and measure != "axis"):

@@ -8,6 +8,7 @@ import warpopt
 from warpopt.receivers import ConvexBody, DepthBuffer, Receivers, WholeFrustum
 
 from ...scene_files.scene_camera import SceneCamera
+from ..common.settings import ConfigError
 from .scene_files import SceneInput
 from .scene_settings import SceneSettings
 
@@ -30,6 +31,26 @@ def receivers_of(config: SceneSettings, scene: SceneInput, i: int) -> Receivers:
     if asked.planes is not None:
         return ConvexBody(np.array(asked.planes.planes))
     return WholeFrustum()
+
+
+def views_of(config: SceneSettings, scene: SceneInput) -> "list[warpopt.SceneView]":
+    """For each distinct camera its view, under all lights of the scene, of which there is one at least.
+
+    Raises:
+        ConfigError: receivers that a camera's view cannot be solved for.
+    """
+    lights = jax.vmap(warpopt.DirectionalLight)(np.array(scene.lights, float))
+    views = []
+    for i, seen in enumerate(scene.cameras):
+        camera, receivers = camera_of(seen), receivers_of(config, scene, i)
+        try:
+            for objective in config.objective.objectives():
+                receivers.check(camera, lights, objective)
+        except ValueError as error:
+            raise ConfigError(f"receivers, seen by camera.{i}: {error}") from None
+        resolutions = {"screen": config.objective.screen, "shadow_map": config.objective.shadow_map}
+        views.append(warpopt.SceneView(camera, lights, receivers, **resolutions))
+    return views
 
 
 def under_light(view: "warpopt.SceneView", k: int) -> "warpopt.SceneView":

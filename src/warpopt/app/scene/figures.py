@@ -1,5 +1,6 @@
 """The pictures of a scene: error maps over the image, and curves along a light's path."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,8 @@ def seen_of(config: SceneConfig, scene: SceneInput, s: Solved) -> Seen:
     if isinstance(receivers, DepthBuffer):
         return image_of(camera, np.asarray(receivers.eye_depth(camera_of(camera))))
     planes = np.asarray(receivers.planes) if isinstance(receivers, ConvexBody) else np.zeros((0, 4))
+    if np.isinf(camera.far):  # to where the body ends
+        camera = dataclasses.replace(camera, far=float(receivers.depth_extent(camera_of(camera))[1]))
     return section_of(camera, planes, s.mapping, *_SECTION)
 
 

@@ -45,6 +45,7 @@ def scene_report(config: SceneConfig, scene: SceneInput, solved: list[Solved], f
     empty = sum(s.outcome is warpopt.Outcome.empty for s in solved)
     if empty:
         parts.append(f"In {empty} problem(s) the camera sees no receivers: nothing needs a shadow map.\n")
+    parts += [f"{note}\n" for note in scene.notes]
     if figures:
         parts.append("## Figures\n")
         parts += markdown_pictures(figures)

@@ -9,7 +9,16 @@ from rich.console import Console
 from rich.table import Table
 
 from ..common.output import whole_folder
-from ..common.record import environment, outcome_counts, progress_bar, timed, write_csv, write_json, write_mark
+from ..common.record import (
+    environment,
+    finite_or_none,
+    outcome_counts,
+    progress_bar,
+    timed,
+    write_csv,
+    write_json,
+    write_mark,
+)
 from ..inputs.scene_files import SceneInput
 from .report import scene_report, short
 from .settings import SceneConfig
@@ -51,8 +60,7 @@ def run_scene(config: SceneConfig, scene: SceneInput, console: Console | None = 
         write_json(folder / "scene.json", _scene_record(config, scene, solved))
         write_scene_table(solved, folder / "table.csv")
         (folder / "report.md").write_text(scene_report(config, scene, solved, figures), encoding="utf-8")
-        readers = (("trimesh", config.receivers.gltf), ("OpenEXR", _exr(config)))
-        used = tuple(name for name, asked in readers if asked)
+        used = ("OpenEXR",) if _exr(config) else ()
         outcomes = outcome_counts([s.outcome for s in solved])
         dtype = jax.numpy.zeros(0).dtype
         write_mark(folder, environment(config, dtype, timings, used) | {"outcomes": outcomes})
@@ -94,7 +102,7 @@ def _scene_record(config: SceneConfig, scene: SceneInput, solved: list[Solved]) 
                 "up": camera.rotation[1].tolist(),
                 "forward": camera.rotation[2].tolist(),
                 "near": camera.near,
-                "far": camera.far,
+                "far": finite_or_none(camera.far),
                 "window": list(camera.window),
             }
             for camera in scene.cameras
@@ -102,6 +110,7 @@ def _scene_record(config: SceneConfig, scene: SceneInput, solved: list[Solved]) 
         "camera_of": scene.camera_of,
         "lights": [list(direction) for direction in scene.lights],
         "steps": [dataclasses.asdict(step) for step in scene.steps],
+        "notes": scene.notes,
         "problems": [s.row for s in solved],
     }
 
@@ -121,6 +130,8 @@ def _summarise(console: Console, config: SceneConfig, scene: SceneInput, solved:
         console.print(table)
     if len(solved) > _MOST_SHOWN:
         console.print(f"... and {len(solved) - _MOST_SHOWN} more in table.csv")
+    for note in scene.notes:
+        console.print(note, soft_wrap=True, markup=False)
     if not scene.lights:
         console.print("The sun is below the horizon all the time: there is nothing to solve.")
     if failures:

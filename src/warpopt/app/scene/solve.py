@@ -17,7 +17,7 @@ from warpopt.objective import Objective
 from ..common.error_maps import Mapping
 from ..common.record import finite_or_none
 from ..inputs.scene_files import SceneInput
-from ..inputs.scene_values import camera_of, receivers_of, under_light
+from ..inputs.scene_values import under_light, views_of
 from .settings import SceneConfig
 
 _TOGETHER = 64  # lights in one batch
@@ -64,15 +64,8 @@ def solve_scene(config: SceneConfig, scene: SceneInput, progress: Callable[[str]
     """Every metric and norm that was asked for, over every distinct camera and light."""
     if not scene.lights:
         return []
-    lights = jax.vmap(warpopt.DirectionalLight)(np.array(scene.lights, float))
     casters = None if scene.casters is None else jax.numpy.asarray(scene.casters)  # once on the device
-    views = [
-        warpopt.SceneView(
-            camera_of(camera), lights, receivers_of(config, scene, i),
-            screen=config.objective.screen, shadow_map=config.objective.shadow_map,
-        )
-        for i, camera in enumerate(scene.cameras)
-    ]  # fmt: skip
+    views = views_of(config, scene)
     solved = []
     for objective in config.objective.objectives():
         for i, view in enumerate(views):

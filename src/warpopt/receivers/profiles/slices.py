@@ -26,7 +26,7 @@ from .profile import NOTHING, Stretches
 
 # (slabs up to which, nodes along Z_w for each stretch, Gauss nodes for each part of a slice).
 # Found for P = 1 to 3 and five lights: one body to 1e-12 for f/n up to 1e4, 2e-8 for 1e12; a histogram to 1e-8 where
-# no bin spans a depth ratio above 100, 3e-6 above (tests/test_limit.py).
+# no bin spans a depth ratio above 100, 3e-6 above (tests/test_lower_bound.py).
 _NODES = ((1, 96, 20), (16, 48, 12), (64, 24, 8), (math.inf, 16, 6))
 _REACH = 3.5  # of the double exponential nodes: the first is 3e-23 of a stretch from its end
 
@@ -72,7 +72,7 @@ def body_shares(
     Derivatives are finite, and right but where the depths of two corners tie, a kink.
     """
     planes, between, weights, exponent = solid.planes, solid.between, solid.weights, solid.exponent
-    vertices, valid = vertices_of(planes)
+    vertices, valid, _ = vertices_of(planes)
     depths = vertices @ frame.z_axis
     _, flat = range_of(*ends(valid, depths), jnp.abs(jnp.where(valid, depths, 0)).max())
     planes, vertices, valid = thickened(planes, vertices, valid)
