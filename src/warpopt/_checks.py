@@ -2,7 +2,7 @@
 
 import contextlib
 import contextvars
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -13,8 +13,11 @@ from jax.core import Tracer
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
+Numbers = ArrayLike | Sequence[ArrayLike] | Sequence[Sequence[ArrayLike]]
+"""What public functions take: a number, an array, or a list or table of numbers."""
 
-def float_arrays(**named: ArrayLike) -> list[Array]:
+
+def float_arrays(**named: Numbers) -> list[Array]:
     """The values as arrays of their common floating dtype, which is JAX's promotion.
 
     Raises:

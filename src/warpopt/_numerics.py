@@ -1,11 +1,11 @@
 """Small numerical tools that JAX lacks."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 
@@ -18,7 +18,7 @@ def power(base: Float[Array, "..."], exponent: float) -> Float[Array, "..."]:
     return base**exponent
 
 
-def larger(x: ArrayLike, y: ArrayLike) -> Float[Array, "..."]:
+def larger(x: Array | float, y: Array | float) -> Float[Array, "..."]:
     """max(x, y), with the derivative of one of them also where they tie.
 
     `jnp.maximum` differentiates by comparing its result with its arguments. A compiler that computes an argument twice,
@@ -27,7 +27,7 @@ def larger(x: ArrayLike, y: ArrayLike) -> Float[Array, "..."]:
     return jnp.where(x > y, x, y)
 
 
-def smaller(x: ArrayLike, y: ArrayLike) -> Float[Array, "..."]:
+def smaller(x: Array | float, y: Array | float) -> Float[Array, "..."]:
     """min(x, y), as `larger`."""
     return jnp.where(x < y, x, y)
 
@@ -51,7 +51,7 @@ def _over_jvp(primals, tangents):
     return quotient, dx / y - (dy / y) * quotient
 
 
-def horner(coefficients: Sequence[ArrayLike], at: Float[Array, "..."]) -> Float[Array, "..."]:
+def horner(coefficients: Sequence[Any], at: Float[Array, "..."]) -> Float[Array, "..."]:
     """The polynomial of the given coefficients, highest power first."""
     total = coefficients[0]
     for coefficient in coefficients[1:]:

@@ -5,10 +5,9 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.typing import ArrayLike
 from jaxtyping import Array, Float, PyTree
 
-from ._checks import instance, shown
+from ._checks import Numbers, instance, shown
 from .objective import Objective, objective_or_default
 from .receivers.footprint import Footprint
 from .receivers.receivers import Receivers
@@ -40,7 +39,7 @@ class FrustumView(eqx.Module):
     frustum: ViewFrustum
     theta: Float[Array, "..."]
 
-    def __init__(self, frustum: ViewFrustum, theta: ArrayLike):
+    def __init__(self, frustum: ViewFrustum, theta: Numbers):
         instance("frustum", frustum, ViewFrustum)
         self.frustum = frustum
         self.theta = checked_theta(theta, frustum)
@@ -98,8 +97,8 @@ class SceneView(eqx.Module):
         light: DirectionalLight,
         receivers: Receivers | None = None,
         *,
-        screen: ArrayLike | tuple[float, float] | None = None,
-        shadow_map: ArrayLike | tuple[float, float] | None = None,
+        screen: Numbers | None = None,
+        shadow_map: Numbers | None = None,
     ):
         instance("camera", camera, Camera)
         instance("light", light, DirectionalLight)

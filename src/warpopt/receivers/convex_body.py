@@ -5,10 +5,9 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import checked, float_arrays
+from .._checks import Numbers, checked, float_arrays, is_traced
 from .._numerics import unit_nodes
 from ..objective import DENSITY_EXPONENT, Objective
 from ..theory.camera import Camera, DirectionalLight
@@ -51,7 +50,7 @@ class ConvexBody(Receivers):
 
     planes: Float[Array, "K 4"]
 
-    def __init__(self, planes: ArrayLike):
+    def __init__(self, planes: Numbers):
         (planes,) = float_arrays(planes=planes)
         if planes.ndim != 2 or planes.shape[1] != 4:
             raise ValueError(f"planes: got shape {planes.shape}, expected (K, 4)")
@@ -61,7 +60,7 @@ class ConvexBody(Receivers):
         self.planes = planes / jnp.sqrt((planes[:, :3] ** 2).sum(1))[:, None]
 
     @classmethod
-    def box(cls, lower: ArrayLike, upper: ArrayLike) -> "ConvexBody":
+    def box(cls, lower: Numbers, upper: Numbers) -> "ConvexBody":
         """The axis-parallel box between two world points (3,), which may be infinite.
 
         A box with lower > upper anywhere, such as the bounds of no objects (inf to -inf), is empty.
@@ -108,7 +107,7 @@ class ConvexBody(Receivers):
             ValueError: also for a body without end in the view of a camera without a far plane.
         """
         Receivers.check(self, camera, light, objective)
-        if any(isinstance(value, jax.core.Tracer) for value in (camera.far, self.planes)):
+        if is_traced(camera.far, self.planes):
             return
         if jnp.isinf(camera.far).any() and _vertices(camera, self)[2]:
             raise ValueError(

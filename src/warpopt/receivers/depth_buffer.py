@@ -7,10 +7,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import assembled, checked, float_arrays
+from .._checks import Numbers, assembled, checked, float_arrays
 from .._numerics import larger
 from ..objective import Objective
 from ..theory.camera import Camera
@@ -56,7 +55,7 @@ class DepthBuffer(Receivers):
     depth: Float[Array, "H W"]
     encoding: Encoding = eqx.field(static=True, default="linear")
 
-    def __init__(self, depth: ArrayLike, encoding: Encoding = "linear"):
+    def __init__(self, depth: Numbers, encoding: Encoding = "linear"):
         (depth,) = float_arrays(depth=depth)
         if depth.ndim == 3 and depth.shape[2] == 1:
             depth = depth[..., 0]

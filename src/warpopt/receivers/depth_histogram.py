@@ -2,10 +2,9 @@
 
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from .._checks import checked, float_arrays
+from .._checks import Numbers, checked, float_arrays
 from .._numerics import unit_nodes
 from ..objective import DENSITY_EXPONENT, Objective
 from ..theory.camera import Camera, far_plane
@@ -44,7 +43,7 @@ class DepthHistogram(Receivers):
     edges: Float[Array, " E"]
     counts: Float[Array, " K"]
 
-    def __init__(self, edges: ArrayLike, counts: ArrayLike):
+    def __init__(self, edges: Numbers, counts: Numbers):
         edges, counts = float_arrays(edges=edges, counts=counts)
         if edges.ndim != 1 or counts.shape != (len(edges) - 1,) or not len(counts):
             raise ValueError(f"counts: got shape {counts.shape} with edges {edges.shape}, expected one count for a bin")

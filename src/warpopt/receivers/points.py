@@ -6,7 +6,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import checked, float_arrays
+from .._checks import Numbers, checked, float_arrays
 from ..objective import Objective
 from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
@@ -43,7 +43,7 @@ class PointReceivers(Receivers):
     points: Float[Array, "N 3"]
     weights: Float[Array, " N"]
 
-    def __init__(self, points: ArrayLike, weights: ArrayLike | None = None):
+    def __init__(self, points: Numbers, weights: Numbers | None = None):
         (points,) = float_arrays(points=points)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError(f"points: got shape {points.shape}, expected (N, 3)")

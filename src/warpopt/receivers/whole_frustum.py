@@ -1,10 +1,10 @@
 """The whole view frustum as receivers, for any camera and light."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._checks import is_traced
 from .._numerics import larger, unit_nodes
 from ..objective import DENSITY_EXPONENT, Measure, Objective
 from ..theory.camera import Camera, DirectionalLight
@@ -37,7 +37,7 @@ class WholeFrustum(Receivers):
             ValueError: also for a camera without a far plane.
         """
         Receivers.check(self, camera, light, objective)
-        if not isinstance(camera.far, jax.core.Tracer) and jnp.isinf(camera.far).any():
+        if not is_traced(camera.far) and jnp.isinf(camera.far).any():
             raise ValueError(
                 "camera: got far = inf with the whole frustum as receivers, expected a finite far, or receivers that "
                 "say what is seen"

@@ -6,10 +6,9 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from .._checks import checked, float_arrays, instance, pair
+from .._checks import Numbers, checked, float_arrays, instance, pair
 from ..objective import Objective
 from ..receivers.footprint import Footprint
 from ..solve.solution import SceneSolution, Solution, warp_of
@@ -61,7 +60,7 @@ def shadow_matrix(
     warp: Warp | Solution | SceneSolution,
     clip_space: ClipSpace | None = None,
     *,
-    casters: ArrayLike | None = None,
+    casters: Numbers | None = None,
     padding: tuple[float, float] = (0.0, 0.0),
 ) -> Float[Array, "4 4"]:
     """World to clip space of the shadow map, fitted to the receivers.
@@ -149,7 +148,7 @@ def _matrix(
 
 
 def texel_snap(
-    matrix: ArrayLike, resolution: tuple[int, int], clip_space: ClipSpace | None = None
+    matrix: Numbers, resolution: tuple[int, int], clip_space: ClipSpace | None = None
 ) -> Float[Array, "4 4"]:
     """An unwarped shadow matrix moved by less than a texel, so that the world's origin lies on a texel's corner.
 

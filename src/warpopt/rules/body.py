@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import checked
+from .._checks import Numbers, checked
 from ..theory.light_space import LightDepth, LightSpace, checked_theta
 from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
@@ -100,7 +100,7 @@ class BodySpace(eqx.Module):
         return at(self.body.near), at(self.body.far)
 
 
-def space_of(frustum: ViewFrustum | Body, theta: ArrayLike) -> LightSpace | BodySpace:
+def space_of(frustum: ViewFrustum | Body, theta: Numbers) -> LightSpace | BodySpace:
     """The light space that a rule reads.
 
     Raises:
@@ -132,7 +132,7 @@ def warp_of_product(space: LightSpace | BodySpace, product: Array, factor: Array
     return Warp.from_range_ratio(space.mu_over_near * factor / jnp.where(positive, product, 1), space, positive)
 
 
-def parameter(name: str, value: ArrayLike, frustum: ViewFrustum | Body, valid: Callable, expected: str) -> Array:
+def parameter(name: str, value: Numbers, frustum: ViewFrustum | Body, valid: Callable, expected: str) -> Array:
     """A rule's parameter in the frustum's dtype.
 
     Raises:

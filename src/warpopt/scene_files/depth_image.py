@@ -131,6 +131,7 @@ def _linear(
         if background < far:
             limit, name = background, "background"
     if distance == "ray":
+        assert window is not None  # which the caller looked at
         depth = depth / ray_lengths(window, *depth.shape)
         if name == "far":
             smallest = float(depth[real].min()) if real.any() else np.nan

@@ -127,7 +127,7 @@ class Accessors:
                 "pip install 'warpopt[meshopt]'"
             ) from None
         try:
-            unpacked = meshopt.decode_gltf_buffer(content, count, step, mode, filter_)
+            unpacked = meshopt.decode_gltf_buffer(bytes(content), count, step, mode, filter_)
         except Exception:  # whatever broken data makes the decoder say
             raise GltfError(f"{packed.where}: got data that cannot be decompressed, expected {name}") from None
         return np.ascontiguousarray(unpacked).view(np.uint8).reshape(-1)

@@ -41,7 +41,7 @@ class Document:
         if not isinstance(data, dict) or not isinstance(data.get("asset"), dict):
             raise GltfError(_NOT_GLTF)
         self.root = Item(data, "the file")
-        asset = self.root.child("asset")
+        asset = self.root.required("asset")
         for key in ("version", "minVersion"):
             version = asset.text(key)
             if version.split(".")[0] != "2" and (version or key == "version"):
@@ -110,7 +110,7 @@ class Document:
             self._buffers[index] = memoryview(content)[:size]
         return self._buffers[index]
 
-    def _content(self, item: Item, index: int) -> bytes:
+    def _content(self, item: Item, index: int) -> bytes | memoryview:
         if "uri" not in item:
             if index or self._binary is None:
                 raise item.refused("uri", "one, for want of a binary chunk")
@@ -131,7 +131,7 @@ class Document:
             raise GltfError(f"{item.where}: {name}: cannot be read: {error.strerror}") from None
 
 
-def _chunks(raw: bytes) -> tuple[bytes, bytes | None]:
+def _chunks(raw: bytes) -> tuple[bytes, memoryview | None]:
     """(the JSON, the binary chunk) of a file's bytes."""
     if raw[:4] != _GLB_MAGIC:
         return raw, None

@@ -159,6 +159,7 @@ class _Collection:
         else:
             alpha = "" if material is None else material.text("alphaMode")
             if alpha in ("MASK", "BLEND"):
+                assert material is not None  # it has a mode
                 (self._masked if alpha == "MASK" else self._blended)[_name(material)] = True
             return True
         return False

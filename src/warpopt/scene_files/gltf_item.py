@@ -37,7 +37,7 @@ class Item:
         """An integer; `default` if it is missing, where None makes it required."""
         if key not in self.data and default is not None:
             return default
-        value = self.data.get(key)
+        value: Any = self.data.get(key)
         whole = isinstance(value, float) and value.is_integer()  # JSON has one kind of number
         if isinstance(value, bool) or not (isinstance(value, int) or whole) or not least <= value < 2**53:
             raise self.refused(key, f"an integer from {least}")
@@ -47,7 +47,7 @@ class Item:
         """A finite number; `default` if it is missing, where None makes it required."""
         if key not in self.data and default is not None:
             return default
-        value = self.data.get(key)
+        value: Any = self.data.get(key)
         if not _is_finite(value):
             raise self.refused(key, "a finite number")
         return float(value)
@@ -88,6 +88,13 @@ class Item:
         if not isinstance(self.data[key], dict):
             raise self.refused(key, "an object")
         return Item(self.data[key], f"{self.where}, {key}")
+
+    def required(self, key: str) -> "Item":
+        """The object of `key`."""
+        found = self.child(key)
+        if found is None:
+            raise self.refused(key, "an object")
+        return found
 
     def children(self, key: str, singular: str) -> "list[Item]":
         """The objects of the list `key`; empty if it is missing."""

@@ -56,8 +56,8 @@ class Nodes:
         items = [document.item("nodes", i) for i in range(document.count("nodes"))]
         children = [document.indices(item, "children", "nodes") for item in items]
         parent: dict[int, int] = {}
-        for i, below in enumerate(children):
-            for child in below:
+        for i, own in enumerate(children):
+            for child in own:
                 if child in parent:
                     raise GltfError(
                         f"{items[child].where}: got two parents, {items[parent[child]].where} and {items[i].where}, "

@@ -57,7 +57,7 @@ def read_primitive(item: Item, weights: np.ndarray, document: Document, accessor
 
 def triangle_count(item: Item, accessors: Accessors) -> int:
     """How many triangles a primitive says it has, for a bound before anything is made."""
-    attributes = item.child("attributes")
+    attributes = item.required("attributes")
     mode = item.integer("mode", TRIANGLES)
     count = accessors.count(item, "indices") if "indices" in item else accessors.count(attributes, "POSITION")
     return count // 3 if mode == TRIANGLES else max(count - 2, 0)
@@ -73,7 +73,7 @@ def skinned(primitive: Primitive, joints: np.ndarray, where: str) -> np.ndarray:
     Raises:
         GltfError: for joints out of range, or weights that are none.
     """
-    if primitive.joints is None:
+    if primitive.joints is None or primitive.weights is None:
         raise GltfError(f"{where}: got a mesh without JOINTS_0 on a skin, expected them")
     used = np.where(primitive.weights > 0, primitive.joints, 0)  # others may be anything
     if used.max() >= len(joints):
@@ -95,13 +95,13 @@ class _Source:
 
     def __init__(self, item: Item, document: Document, accessors: Accessors):
         self._item, self._accessors = item, accessors
-        self._attributes = item.child("attributes")
+        self._attributes = item.required("attributes")
         self.mode = item.integer("mode", TRIANGLES)
         packed = item.extension(DRACO)
         if packed is not None and "bufferView" in accessors.accessor(self._attributes, "POSITION"):
             packed = None  # the same written out, and no digits lost
         self._mesh = None if packed is None else _draco(packed, document)
-        self._ids = None if packed is None else packed.child("attributes")
+        self._ids = None if packed is None else packed.required("attributes")
         if self._mesh is not None:
             self.mode = TRIANGLES  # strips are unrolled on the way in
 
@@ -139,7 +139,7 @@ class _Source:
         return indices
 
     def _packed(self, name: str, kind: str) -> np.ndarray | None:
-        if self._mesh is None or name not in self._ids:
+        if self._mesh is None or self._ids is None or name not in self._ids:
             return None
         which = self._ids.integer(name)
         found = next((a for a in self._mesh.attributes if a["unique_id"] == which), None)

@@ -7,10 +7,9 @@ from typing import Literal
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from .._checks import checked, float_arrays
+from .._checks import Numbers, checked, float_arrays
 from ..objective import Objective
 from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
@@ -70,9 +69,9 @@ class LambdaTable(eqx.Module):
 
     def eta(
         self,
-        theta: ArrayLike,
-        depth_ratio: ArrayLike | None = None,
-        half_fov: ArrayLike | None = None,
+        theta: Numbers,
+        depth_ratio: Numbers | None = None,
+        half_fov: Numbers | None = None,
         *,
         outside: Outside = "clamp",
     ) -> Float[Array, "..."]:
@@ -93,9 +92,9 @@ class LambdaTable(eqx.Module):
 
     def eta_numpy(
         self,
-        theta: ArrayLike,
-        depth_ratio: ArrayLike | None = None,
-        half_fov: ArrayLike | None = None,
+        theta: Numbers,
+        depth_ratio: Numbers | None = None,
+        half_fov: Numbers | None = None,
         *,
         outside: Outside = "clamp",
     ) -> np.ndarray:
@@ -105,7 +104,7 @@ class LambdaTable(eqx.Module):
         given = self._given(outside, depth_ratio=depth_ratio, half_fov=half_fov)
         return self._looked_up([np.asarray(v, dtype) for v in (theta, *given.values())], outside, np)
 
-    def warp(self, frustum: ViewFrustum, theta: ArrayLike, *, outside: Outside = "clamp") -> Warp:
+    def warp(self, frustum: ViewFrustum, theta: Numbers, *, outside: Outside = "clamp") -> Warp:
         """The table's warp for a frustum (`lam` in its units).
 
         Raises:
@@ -139,7 +138,7 @@ class LambdaTable(eqx.Module):
         """
         return files.load(path, cls)
 
-    def _check_single(self, **values: ArrayLike | None) -> None:
+    def _check_single(self, **values: Numbers | None) -> None:
         """Refuse other values of an axis of one row than its own."""
         for name, value in values.items():
             axis = getattr(self, name)
@@ -149,7 +148,7 @@ class LambdaTable(eqx.Module):
             own, tolerance = float(axis[0]), 16 * float(jnp.finfo(value.dtype).eps)
             checked(name, value, lambda v, o=own, t=tolerance: abs(v / o - 1) <= t, f"the table's {own:.9g}")
 
-    def _given(self, outside: Outside, **values: ArrayLike | None) -> dict[str, ArrayLike]:
+    def _given(self, outside: Outside, **values: Numbers | None) -> dict[str, Numbers]:
         """Of the axes' values, those of axes that the table has."""
         if outside == "error":
             self._check_single(**values)

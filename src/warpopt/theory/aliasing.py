@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from .._checks import instance
+from .._checks import Numbers, instance
 from .._numerics import larger, power, smaller
 from ..objective import Metric, Objective
 from .light_space import LightDepth, LightSpace, checked_theta
@@ -82,7 +82,7 @@ def _error(space: LightSpace, warp: Warp, depth: LightDepth, z: Array, metric: s
 
 
 def aliasing_error(
-    frustum: ViewFrustum, theta: ArrayLike, warp: Warp, y: ArrayLike, z: ArrayLike, metric: str | Metric = "p"
+    frustum: ViewFrustum, theta: Numbers, warp: Warp, y: Numbers, z: Numbers, metric: str | Metric = "p"
 ) -> Float[Array, "..."]:
     """Perspective aliasing error at eye-space points (y, z): AT09 (13), (14), with the width of `inverse_width`.
 
@@ -109,7 +109,7 @@ def aliasing_error(
 
 
 def aliasing_error_uz(
-    frustum: ViewFrustum, theta: ArrayLike, warp: Warp, u: ArrayLike, z: ArrayLike, metric: str | Metric = "p"
+    frustum: ViewFrustum, theta: Numbers, warp: Warp, u: Numbers, z: Numbers, metric: str | Metric = "p"
 ) -> Float[Array, "..."]:
     """`aliasing_error` at height fraction u in [0, 1] (0: the side plane next to the warp's near plane) and depth z.
 
@@ -128,7 +128,7 @@ def aliasing_error_uz(
 
 
 def local_aliasing_error(
-    frustum: ViewFrustum, warp: Warp, z: ArrayLike, metric: str | Metric = "p"
+    frustum: ViewFrustum, warp: Warp, z: Numbers, metric: str | Metric = "p"
 ) -> Float[Array, "..."]:
     """The local form, AT09 (8), (9): the view axis under a light at theta = pi/2, mu = f - n.
 
@@ -150,7 +150,7 @@ def local_aliasing_error(
 
 
 def texture_coordinates(
-    frustum: ViewFrustum, theta: ArrayLike, warp: Warp, x: ArrayLike, y: ArrayLike, z: ArrayLike
+    frustum: ViewFrustum, theta: Numbers, warp: Warp, x: Numbers, y: Numbers, z: Numbers
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Shadow-map coordinates (t, s) in [0, 1]^2 of eye-space points: AT09 (12) with the width that contains V.
 
@@ -173,7 +173,7 @@ def texture_coordinates(
 
 
 def screen_coordinates(
-    frustum: ViewFrustum, x: ArrayLike, y: ArrayLike, z: ArrayLike
+    frustum: ViewFrustum, x: Numbers, y: Numbers, z: Numbers
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Normalised device coordinates (q, p) in [-1, 1]^2 of eye-space points: AT09 section 1.2.
 
@@ -190,13 +190,13 @@ def screen_coordinates(
 
 def projection_factors(
     frustum: ViewFrustum,
-    theta: ArrayLike,
+    theta: Numbers,
     warp: Warp,
-    x: ArrayLike,
-    y: ArrayLike,
-    z: ArrayLike,
-    kx: ArrayLike,
-    ky: ArrayLike,
+    x: Numbers,
+    y: Numbers,
+    z: Numbers,
+    kx: Numbers,
+    ky: Numbers,
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Projection aliasing (E_q^proj, E_p^proj) along the line x = kx z - bx, y = ky z - by: AT09 (10), (11).
 
@@ -213,7 +213,7 @@ def projection_factors(
     """
     theta = checked_theta(theta, frustum)
     space = LightSpace(frustum, theta)
-    x, y, z = (jnp.asarray(v, space.near.dtype) for v in (x, y, z))
+    x, y, z, kx, ky = (jnp.asarray(v, space.near.dtype) for v in (x, y, z, kx, ky))
     rate = jnp.sin(theta) - ky * jnp.cos(theta)  # d z_w / d z along the line
     own = _over(warp, space)
     x_over_z_w = x * own.one_minus_eta / (space.mu * space.depth_yz(y, z).blend(own.eta))

@@ -3,10 +3,9 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from .._checks import checked, float_arrays
+from .._checks import Numbers, checked, float_arrays
 
 
 class Camera(eqx.Module):
@@ -42,13 +41,13 @@ class Camera(eqx.Module):
 
     def __init__(
         self,
-        position: ArrayLike,
-        forward: ArrayLike,
-        up: ArrayLike,
-        near: ArrayLike,
-        far: ArrayLike,
-        half_fov: ArrayLike,
-        aspect: ArrayLike = 1.0,
+        position: Numbers,
+        forward: Numbers,
+        up: Numbers,
+        near: Numbers,
+        far: Numbers,
+        half_fov: Numbers,
+        aspect: Numbers = 1.0,
         *,
         handedness: str = "right",
     ):
@@ -72,11 +71,11 @@ class Camera(eqx.Module):
     @classmethod
     def from_view_matrix(
         cls,
-        view: ArrayLike,
-        near: ArrayLike,
-        far: ArrayLike,
-        half_fov: ArrayLike,
-        aspect: ArrayLike = 1.0,
+        view: Numbers,
+        near: Numbers,
+        far: Numbers,
+        half_fov: Numbers,
+        aspect: Numbers = 1.0,
         *,
         looks_along: str = "-z",
     ) -> "Camera":
@@ -119,12 +118,12 @@ class Camera(eqx.Module):
     @classmethod
     def off_centre(
         cls,
-        position: ArrayLike,
-        forward: ArrayLike,
-        up: ArrayLike,
-        near: ArrayLike,
-        far: ArrayLike,
-        window: tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike],
+        position: Numbers,
+        forward: Numbers,
+        up: Numbers,
+        near: Numbers,
+        far: Numbers,
+        window: tuple[Numbers, Numbers, Numbers, Numbers],
         *,
         handedness: str = "right",
     ) -> "Camera":
@@ -145,7 +144,7 @@ class Camera(eqx.Module):
         camera = cls(position, forward, up, near, far, 0.5, handedness=handedness)
         return eqx.tree_at(lambda c: c.window, camera, slopes.astype(camera.window.dtype))
 
-    def to_eye(self, points: ArrayLike) -> Float[Array, "... 3"]:
+    def to_eye(self, points: Numbers) -> Float[Array, "... 3"]:
         """World points (..., 3) in eye coordinates."""
         return (jnp.asarray(points, self.position.dtype) - self.position) @ self.rotation.T
 
@@ -186,7 +185,7 @@ class DirectionalLight(eqx.Module):
 
     direction: Float[Array, "3"]
 
-    def __init__(self, direction: ArrayLike):
+    def __init__(self, direction: Numbers):
         (direction,) = _vectors(direction=direction)
         self.direction = normalised("direction", direction)
 
@@ -210,7 +209,7 @@ def far_plane(far: Float[Array, ""]) -> Float[Array, "4"]:
     return jnp.stack([zero, zero, jnp.where(ends, -one, zero), jnp.where(ends, far, one)])
 
 
-def _numbers(**named: ArrayLike) -> list[Array]:
+def _numbers(**named: Numbers) -> list[Array]:
     values = float_arrays(**named)
     for name, value in zip(named, values, strict=True):
         if value.shape:
@@ -218,7 +217,7 @@ def _numbers(**named: ArrayLike) -> list[Array]:
     return values
 
 
-def _vectors(**named: ArrayLike) -> list[Array]:
+def _vectors(**named: Numbers) -> list[Array]:
     values = float_arrays(**named)
     for name, value in zip(named, values, strict=True):
         if value.shape != (3,):

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import checked, float_arrays, is_traced
+from .._checks import Numbers, checked, float_arrays, is_traced
 from .camera import Camera, DirectionalLight
 
 
@@ -42,8 +42,8 @@ class LightFrame(eqx.Module):
         self,
         camera: Camera,
         light: DirectionalLight,
-        screen: ArrayLike | None = None,
-        shadow_map: ArrayLike | None = None,
+        screen: Numbers | None = None,
+        shadow_map: Numbers | None = None,
     ):
         """The axes for one camera and one light.
 
@@ -102,7 +102,7 @@ class LightFrame(eqx.Module):
 
 
 def resolutions(
-    screen: ArrayLike | tuple[float, float] | None, shadow_map: ArrayLike | tuple[float, float] | None
+    screen: Numbers | None, shadow_map: Numbers | None
 ) -> tuple[Float[Array, "2"] | None, Float[Array, "2"] | None]:
     """Both as arrays, or neither.
 
@@ -125,7 +125,7 @@ def resolutions(
 
 
 def _densities(
-    camera: Camera, screen: ArrayLike | None, shadow_map: ArrayLike | None
+    camera: Camera, screen: Numbers | None, shadow_map: Numbers | None
 ) -> tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]:
     """(screen units per unit slope across, and up, texels along t, along s)."""
     left, right, bottom, top = camera.window

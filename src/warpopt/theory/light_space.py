@@ -13,7 +13,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import checked, float_arrays, joint_shape, shown
+from .._checks import Numbers, checked, float_arrays, joint_shape, shown
 from .._numerics import horner
 from .view_frustum import ViewFrustum
 
@@ -35,7 +35,7 @@ class LightDepth(NamedTuple):
         return self.one_minus_delta * eta + self.delta
 
 
-def checked_theta(theta: ArrayLike, frustum: Any) -> Float[Array, "..."]:
+def checked_theta(theta: Numbers, frustum: Any) -> Float[Array, "..."]:
     """theta as an array of the frustum's dtype; the frustum is a `ViewFrustum`, or what a rule takes for one.
 
     Raises:

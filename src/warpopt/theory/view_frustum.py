@@ -3,10 +3,9 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from .._checks import checked, float_arrays, joint_shape
+from .._checks import Numbers, checked, float_arrays, joint_shape
 
 
 class ViewFrustum(eqx.Module):
@@ -32,7 +31,7 @@ class ViewFrustum(eqx.Module):
     far: Float[Array, "..."]
     half_fov: Float[Array, "..."]
 
-    def __init__(self, near: ArrayLike, far: ArrayLike, half_fov: ArrayLike):
+    def __init__(self, near: Numbers, far: Numbers, half_fov: Numbers):
         near, far, half_fov = float_arrays(near=near, far=far, half_fov=half_fov)
         shape = joint_shape(near=near, far=far, half_fov=half_fov)
         near, far, half_fov = (jnp.broadcast_to(v, shape) for v in (near, far, half_fov))

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import checked, float_arrays, is_traced
+from .._checks import Numbers, checked, float_arrays, is_traced
 from .view_frustum import ViewFrustum
 
 
@@ -64,7 +64,7 @@ class Warp(eqx.Module):
     defined: Bool[Array, "..."]
 
     @classmethod
-    def from_eta(cls, eta: ArrayLike, body: Body) -> "Warp":
+    def from_eta(cls, eta: Numbers, body: Body) -> "Warp":
         """The warp of a given eta over a body.
 
         Args:
@@ -79,7 +79,7 @@ class Warp(eqx.Module):
         return cls(eta, 1 - eta, start, mu, jnp.ones(eta.shape, bool))
 
     @classmethod
-    def from_lam(cls, lam: ArrayLike, body: Body) -> "Warp":
+    def from_lam(cls, lam: Numbers, body: Body) -> "Warp":
         """The warp of a given near-plane distance lambda (inf for none), a length, over a body as in `from_eta`.
 
         Raises:
@@ -164,7 +164,7 @@ def refuse_lost(lost: Bool[Array, "..."]) -> None:
         )
 
 
-def _with_extent(name: str, value: ArrayLike, body: Body) -> tuple[Array, Array, Array]:
+def _with_extent(name: str, value: Numbers, body: Body) -> tuple[Array, Array, Array]:
     if not (hasattr(body, "start") and hasattr(body, "mu")):
         raise ValueError(
             f"body: got {type(body).__name__}, expected what has a start and a mu, as a FrustumView or an Extent has"

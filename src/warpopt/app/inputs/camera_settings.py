@@ -79,6 +79,12 @@ def _view_matrix(value: Any) -> Any:
     return value
 
 
+def _of_a_pixel(value: float) -> float:
+    if value not in (0, 0.5):
+        raise ValueError("expected 0 or 0.5")
+    return value
+
+
 class CameraConfig(NearFar):
     """A camera: position, forward or target, and up; or a view_matrix."""
 
@@ -110,7 +116,7 @@ class CameraConfig(NearFar):
     cy: Number | None = None
     image_size: Resolution | None = None
     """(width, height); that of the depth file, or objective.screen, if not given."""
-    first_centre: Literal[0.5, 0] = 0.5
+    first_centre: Annotated[float, pydantic.AfterValidator(_of_a_pixel)] = 0.5
     """Where in these pixels the first one's centre is: 0 as in OpenCV, 0.5 where the image's edge is at 0."""
 
     @pydantic.model_validator(mode="after")
@@ -156,10 +162,14 @@ class CameraConfig(NearFar):
             size = self.image_size or size
             if size is None:
                 raise ValueError("image_size: missing, expected (width, height) of the image that fx to cy are of")
+            assert self.fy is not None  # given beside fx, as cx and cy
+            assert self.cx is not None
+            assert self.cy is not None
             return pinhole_window(self.fx, self.fy, self.cx, self.cy, *size, first_centre=self.first_centre)
         aspect = self.aspect or default_aspect
         if self.half_fov_x_deg is not None:
             return centred_window_across(math.radians(self.half_fov_x_deg), aspect)
+        assert self.half_fov_deg is not None  # one of the three
         return centred_window(math.radians(self.half_fov_deg), aspect)
 
     def scene_camera(self, handedness: str, default_aspect: float, size: tuple[int, int] | None = None) -> SceneCamera:

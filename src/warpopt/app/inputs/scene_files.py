@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...scene_files.depth_files import read_values
-from ...scene_files.depth_image import decoded_image
+from ...scene_files.depth_image import Encoding, decoded_image
 from ...scene_files.gltf import read_geometry, read_gltf_camera, read_light
 from ...scene_files.landscape import landscape
 from ...scene_files.rasterise import rasterise
@@ -35,7 +35,7 @@ class SceneInput:
     cameras: list[SceneCamera]
     camera_of: list[int]
     depths: list[np.ndarray]
-    encoding: str
+    encoding: Encoding
     casters: np.ndarray | None
     steps: list[Step]
     lights: list[tuple[float, float, float]]
@@ -93,6 +93,7 @@ def _light(config: SceneSettings, folder: Path) -> SceneLight:
     which = config.light.from_file
     if which is None:
         return config.light
+    assert config.receivers.gltf is not None  # which the settings require
     with _told_of("light.from_file"):
         direction = read_light(folder / config.receivers.gltf.file, None if which is True else which)
     return SceneLight(direction=direction)
@@ -109,6 +110,7 @@ def _triangles(config: SceneSettings, folder: Path, notes: list[str]) -> np.ndar
     if made is not None:
         return landscape(made.seed, made.size, made.relief, made.cells)
     gltf = config.receivers.gltf
+    assert gltf is not None  # or nothing would ask
     with _told_of("receivers.gltf.file"):
         found = read_geometry(folder / gltf.file, include=gltf.include, exclude=gltf.exclude)
     notes += (f"{gltf.file}: {note}" for note in found.report.notes())
@@ -117,6 +119,7 @@ def _triangles(config: SceneSettings, folder: Path, notes: list[str]) -> np.ndar
 
 def _gltf_camera(config: SceneSettings, path: Path) -> SceneCamera:
     gltf = config.receivers.gltf
+    assert gltf is not None  # or nothing would ask
     with _told_of("receivers.gltf.camera"):
         found = read_gltf_camera(path, gltf.camera)
         camera = found.scene_camera(config.default_aspect())

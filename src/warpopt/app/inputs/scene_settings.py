@@ -56,6 +56,7 @@ class SunPath(Section):
         """In degrees; Cooper's formula, right to half a degree."""
         if self.declination_deg is not None:
             return self.declination_deg
+        assert self.day is not None  # one of the two
         return 23.45 * math.sin(math.radians(360 / 365 * (284 + self.day)))
 
 
@@ -201,7 +202,9 @@ class SceneObjective(Section):
         Field(min_length=1),
         Distinct,
     ] = Field(default=["p"])
-    norms: Annotated[list[Norm], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct] = Field(["inf"])
+    norms: Annotated[list[Norm], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct] = Field(
+        default=["inf"]
+    )
     measure: Measure = "screen"
     """What L_P norms are taken over: of the whole frustum any, of a box or planes any but axis."""
     screen: Resolution | None = None
