@@ -76,6 +76,10 @@ def test_a_pinhole_camera_takes_the_size_of_its_image():
     given = scene_of(toml(BOX, camera=pinhole + "\nimage_size = [96, 54]")).cameras[0]
     found = scene_of(toml("depth = { files = 'a.npy' }", camera=pinhole)).cameras[0]
     assert found.window == given.window
+    # Numbers of the whole image beside a file of half its size.
+    whole = POSE + "fx = 100.0\nfy = 80.0\ncx = 60.0\ncy = 40.0\nimage_size = [192, 108]"
+    halved = scene_of(toml("depth = { files = 'a.npy' }", camera=whole)).cameras[0]
+    np.testing.assert_allclose(halved.window, given.window, rtol=1e-12)
     screen = "[objective]\nscreen = [96, 54]\nshadow_map = [64, 64]"
     assert scene_of(toml(BOX, camera=pinhole, more=screen)).cameras[0].window == given.window
 
