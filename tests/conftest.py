@@ -8,6 +8,7 @@ import atexit
 import os
 import shutil
 import tempfile
+from pathlib import Path
 
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # workers have their parent's
     _cache = tempfile.mkdtemp(prefix="warpopt-tests-")
@@ -19,10 +20,11 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # workers have their parent's
     }
 
 if os.environ.get("WARPOPT_CHECK_TYPES"):
-    # Every call's shapes and types, against the signatures; slower, so for one lane of the tests.
+    # Every call's shapes and types, against the signatures. The application's settings check themselves.
     from jaxtyping import install_import_hook
 
-    install_import_hook("warpopt", "type_checker.checked")
+    _parts = [path for path in (Path(__file__).parents[1] / "src/warpopt").iterdir() if path.name != "app"]
+    install_import_hook([f"warpopt.{path.stem}" for path in _parts], "type_checker.checked")
 
 from warpopt.app.common.jax_settings import prepare_jax
 
@@ -44,3 +46,11 @@ def pytest_xdist_make_scheduler(config, log):
 
     config.option.loadscopereorder = False
     return LoadFileScheduling(config, log) if config.getoption("dist") == "load" else None
+
+
+def pytest_collection_modifyitems(config, items):
+    """What gives wrong types on purpose would be stopped by the run-time checker before warpopt refuses it."""
+    if os.environ.get("WARPOPT_CHECK_TYPES"):
+        wrong = [item for item in items if item.get_closest_marker("wrong_types")]
+        config.hook.pytest_deselected(items=wrong)
+        items[:] = [item for item in items if item not in wrong]

@@ -120,7 +120,7 @@ def test_the_errors_are_derivatives_along_lines():
     z_w = (
         mu
         / np.asarray(warp.one_minus_eta)
-        * np.asarray(warpopt.theory.LightSpace(frustum, theta).depth_yz(y, z).blend(warp.eta))
+        * np.asarray(warpopt.theory.LightSpace(frustum, jnp.asarray(theta)).depth_yz(y, z).blend(warp.eta))
     )
     steady = (np.abs(kx - x / z) > 0.05) & (np.abs(ky - y / z) > 0.05) & (np.abs(rate) > 0.05)
     steady &= np.abs(kx - x / z_w * rate) > 0.05 * (np.abs(kx) + np.abs(x / z_w * rate))

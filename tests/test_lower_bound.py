@@ -517,6 +517,7 @@ def test_maps_over_receivers_attain_their_limits():
         assert min(values[1:]) > best.value
 
 
+@pytest.mark.wrong_types
 @pytest.mark.parametrize(
     ("call", "words"),
     [

@@ -344,6 +344,7 @@ def test_gradients_are_those_of_the_whole_solve_and_finite_everywhere():
             assert all(jnp.isfinite(g).all() for g in gradient.values()), (kind, metric, norm, edge)
 
 
+@pytest.mark.wrong_types
 @pytest.mark.parametrize(("make", "words"), [
     (lambda: Camera((0, 0, 0), (0, 0, 0), (0, 1, 0), 1, 2, 0.5), "forward: got 0.0, expected a vector that is"),
     (lambda: Camera((0, 0, 0), (0, 2, 0), (0, 1, 0), 1, 2, 0.5), "not parallel to forward"),

@@ -293,6 +293,7 @@ def test_edited_tables_are_refused(table, tmp_path):
             LambdaTable.load(path)
 
 
+@pytest.mark.wrong_types
 def test_bad_builds_are_refused():
     for options, words in (
         ({"max_regret": 0.0}, "max_regret: got 0.0"), ({"theta_range": (1.0, 2.0)}, "theta_range"),

@@ -113,7 +113,7 @@ def trusted() -> Iterator[None]:
         _TRUSTED.reset(token)
 
 
-def checked(name: str, value: Array, valid: Callable[..., Any], expected: str, *others: Array) -> Array:
+def checked(name: str, value: Any, valid: Callable[..., Any], expected: str, *others: Any) -> Array:
     """Return `value` if `valid(value, *others)` holds everywhere.
 
     Args:

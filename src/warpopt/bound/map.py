@@ -5,7 +5,9 @@ from pathlib import Path
 
 import equinox as eqx
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Float
+from numpy.typing import NDArray
 
 from .._data_files import DataFileError, digest_of, encoded, read_fields, write_whole
 from ..objective import norm_name, order_of
@@ -51,7 +53,7 @@ class BoundMap(eqx.Module):
     order: float = eqx.field(static=True)
     measure: str = eqx.field(static=True)
 
-    def __call__(self, delta: np.ndarray) -> np.ndarray:
+    def __call__(self, delta: ArrayLike) -> NDArray | np.floating:
         """s at any delta in [0, 1], by straight lines between knots."""
         return np.interp(delta, self.delta, self.s)
 

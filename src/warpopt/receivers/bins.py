@@ -42,14 +42,14 @@ class Groups(eqx.Module):
     largest) X_w . c that some receiver goes to or beyond.
     """
 
-    least_depth: Float[Array, " G"]
-    largest_depth: Float[Array, " G"]
-    least_lateral: Float[Array, " G"]
-    largest_lateral: Float[Array, " G"]
-    least_light: Float[Array, " G"]
-    largest_light: Float[Array, " G"]
-    z: Float[Array, " G"]
-    reached: tuple[Float[Array, " G"], Float[Array, " G"]] | None = None
+    least_depth: Float[Array, "*G"]
+    largest_depth: Float[Array, "*G"]
+    least_lateral: Float[Array, "*G"]
+    largest_lateral: Float[Array, "*G"]
+    least_light: Float[Array, "*G"]
+    largest_light: Float[Array, "*G"]
+    z: Float[Array, "*G"]
+    reached: tuple[Float[Array, "*G"], Float[Array, "*G"]] | None = None
 
 
 def grouped(seen: Array, d: Array, x: Array, h: Array, z: Array, which: Array, count: int) -> Groups:

@@ -3,15 +3,17 @@
 from collections.abc import Callable
 
 import numpy as np
+from jax.typing import ArrayLike
 
 
-def bisected(holds: Callable, good: np.ndarray, bad: np.ndarray, steps: int = 45) -> tuple[np.ndarray, np.ndarray]:
+def bisected(holds: Callable, good: ArrayLike, bad: ArrayLike, steps: int = 45) -> tuple[np.ndarray, np.ndarray]:
     """(good, bad) ends of brackets, halved so often (by default a thousandth of a radian to the last bit).
 
     Args:
         holds: of an array like the ends, whether each entry is on the good side.
         good, bad: of which it holds, and of which it does not; either may be the larger.
     """
+    good, bad = np.asarray(good), np.asarray(bad)
     for _ in range(steps):
         middle = (good + bad) / 2
         kept = holds(middle)
