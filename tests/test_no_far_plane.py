@@ -53,7 +53,6 @@ def points_of(z: np.ndarray) -> np.ndarray:
 
 
 KINDS = {
-    "linear": lambda far: DepthBuffer(encoded(ground(), "linear", far)),
     "box": lambda far: ConvexBody.box((-20, -1, -80), (20, 6, -5)),
     "points": lambda far: PointReceivers(points_of(ground())),
     "histogram": lambda far: DepthHistogram((0.5, 5.0, 40.0, 250.0), (3.0, 1.0, 2.0)),

@@ -47,6 +47,20 @@ def test_rasterising_agrees_with_rays_one_by_one():
     np.testing.assert_allclose(depth, np.where(np.isfinite(expected), expected, 0), rtol=1e-9)
 
 
+def test_rasterising_knows_no_unit():
+    """Depths in proportion to the scene, whose products over- and underflow; a near plane of no size to speak of."""
+    triangles = np.array([[[-1.0, -1, 2], [1, -1, 2], [0, 1, 3]], [[-3.0, -1, -1], [3, -1, -1], [0, -1, 9]]])
+
+    def drawn(scale: float, near: float) -> np.ndarray:
+        camera = SceneCamera(np.zeros(3), np.eye(3), near * scale, 20.0 * scale, (-1.0, 1.0, -1.0, 1.0))
+        return rasterise(triangles * scale, camera, 12, 12) / scale
+
+    plain = drawn(1.0, 1e-3)
+    assert (plain > 0).mean() > 0.3
+    for scale, near in ((1e200, 1e-3), (1e-150, 1e-3), (1.0, 1e-300)):
+        np.testing.assert_allclose(drawn(scale, near), plain, rtol=1e-12)
+
+
 def test_gltf_nodes_and_camera_are_honoured(folder):
     Path("scene.gltf").write_text(json.dumps(gltf()))
     points = read_geometry(Path("scene.gltf")).triangles.reshape(-1, 3)
