@@ -300,6 +300,7 @@ def test_rules_come_as_names_callables_or_a_dict():
     assert names({"mine": tenth, "theirs": "tsm"}) == ("mine", "theirs")
 
 
+@pytest.mark.wrong_types
 @pytest.mark.parametrize(
     ("rules", "words"),
     [
@@ -423,6 +424,7 @@ def test_figures_are_drawn_and_written(written, comparison):
     assert {"tenth", "TSM alternative"} <= set(texts)
 
 
+@pytest.mark.wrong_types
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -95,6 +95,7 @@ def test_fewest_knots_is_brute_forces_fewest():
         fewest_knots(x, x, x - 1)
 
 
+@pytest.mark.wrong_types
 def test_look_up_in_jax_and_numpy_agree_and_differentiate(table):
     theta = np.random.default_rng(1).uniform(0, np.pi, 5000)
     for dtype in (np.float64, np.float32):

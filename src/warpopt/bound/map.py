@@ -55,7 +55,7 @@ class BoundMap(eqx.Module):
 
     def __call__(self, delta: ArrayLike) -> NDArray | np.floating:
         """s at any delta in [0, 1], by straight lines between knots."""
-        return np.interp(delta, self.delta, self.s)
+        return np.interp(np.asarray(delta, float), self.delta, self.s)
 
     def save(self, path: str | Path) -> None:
         """Write it as .npz, .csv or .json, by the path's ending: whole or not at all, equal files for equal maps.

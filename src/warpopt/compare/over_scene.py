@@ -21,7 +21,7 @@ from ..solve.solution import SceneSolution
 from ..theory.camera import DirectionalLight
 from ..theory.light_frame import LightFrame
 from ..theory.view_frustum import ViewFrustum
-from ..theory.warp import Warp
+from ..theory.warp import Extent, Warp
 from ..views import FrustumView, SceneView
 from .comparison import Comparison
 from .rule_set import KNOWN, Rule, stacked, takes_body, warps_over
@@ -112,7 +112,7 @@ def _over_lights(
     return jax.lax.map(one, (view.light, whole.frustum, apexes), batch_size=together)
 
 
-def _body(view: SceneView, footprint: Footprint, half_fov: Array) -> Body:
+def _body(view: SceneView, footprint: Footprint | Extent, half_fov: Array) -> Body:
     """What the rules are told of the receivers; of none, the frustum's depths."""
     extent, planes = view.receivers.depth_extent(view.camera), (view.camera.near, _far(view))
     there = extent[0] <= extent[1]

@@ -58,7 +58,7 @@ def peaks(theta: NDArray, values: NDArray, at: Callable[[NDArray], NDArray]) -> 
     return found
 
 
-def first_largest(values: NDArray) -> NDArray:
+def first_largest(values: NDArray) -> NDArray | np.integer:
     """The index of the largest value along the last axis, of several alike to rounding (a plateau) the first.
 
     NaN does not count; a row of nothing else has none.

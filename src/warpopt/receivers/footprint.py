@@ -5,6 +5,7 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..theory.light_frame import LightFrame
@@ -77,12 +78,12 @@ class Footprint(eqx.Module):
         return (self.sides.left / blend).max(), (self.sides.right / blend).max()
 
     def coordinates(
-        self, frame: LightFrame, eye_points: Float[Array, "... 3"]
+        self, frame: LightFrame, eye_points: Float[Array | np.ndarray, "... 3"]
     ) -> tuple[LightDepth, Float[Array, "..."], Float[Array, "..."]]:
         """(depth along Z_w as delta and 1 - delta, x from W's axis, eye depth z) of points in eye coordinates."""
         d = frame.depth(eye_points)
         depth = LightDepth((d - self.start) / self.mu, (self.start + self.mu - d) / self.mu)
-        return depth, frame.lateral(eye_points) - self.axis, eye_points[..., 2]
+        return depth, frame.lateral(eye_points) - self.axis, frame.eye_depth(eye_points)
 
     def with_moments(self, moments: Moments, unit: Float[Array, ""]) -> "Footprint":
         """The same, for an L_P norm."""

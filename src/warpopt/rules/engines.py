@@ -19,10 +19,10 @@ from .._numerics import larger, smaller
 from ..theory.light_space import LightSpace, checked_theta
 from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
-from .body import BodySpace, camera_planes, parameter, space_of, warp_of_product
+from .body import Body, BodySpace, camera_planes, parameter, space_of, warp_of_product
 
 
-def lispsm_paper(frustum: ViewFrustum, theta: Numbers) -> Warp:
+def lispsm_paper(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     """The paper's rule with the body's own depth extent: lambda = (n + sqrt(n (n + d s))) / s, measured from y_min.
 
     Equal E_p at both ends of the line through (y_min, z = n) along Z_w, which reaches eye depth n + d s. Wimmer,
@@ -39,7 +39,7 @@ def lispsm_paper(frustum: ViewFrustum, theta: Numbers) -> Warp:
     return Warp.from_range_ratio(reach / (1 + jnp.sqrt(1 + reach)), space)
 
 
-def filament(frustum: ViewFrustum, theta: Numbers, near_hint: Numbers = 1.0, far_hint: Numbers = 100.0) -> Warp:
+def filament(frustum: ViewFrustum | Body, theta: Numbers, near_hint: Numbers = 1.0, far_hint: Numbers = 100.0) -> Warp:
     """Google Filament: lambda = max(n0, n1), n0 = (n + sqrt(v0 v1)) / s, n1 = h / (2 - 3 h / (f - n)).
 
     v0 = max(n, near_hint) and v1 = min(f, far_hint, n + d s) are the depths that matter, h = max(near_hint - c, 0) with
@@ -75,7 +75,7 @@ def filament(frustum: ViewFrustum, theta: Numbers, near_hint: Numbers = 1.0, far
     return _guarded(space, warps, jnp.where(hinted, smaller(equal, stationary), equal))
 
 
-def osg_lispsm(frustum: ViewFrustum, theta: Numbers) -> Warp:
+def osg_lispsm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     """OpenSceneGraph's LiSPSM, and the paper authors' code of 2004: N = (z_n + sqrt(z_n (z_n + d s))) / s, z_n = n / s.
 
     The apex is N - n before the eye, so that lambda = N - n + y_min; N >= 0.02 d. The second 1/s is a slip of units
@@ -96,7 +96,7 @@ def osg_lispsm(frustum: ViewFrustum, theta: Numbers) -> Warp:
     return warp_of_product(space, N + square * (space.start / space.near - 1), square)
 
 
-def osg_lispsm_corrected(frustum: ViewFrustum, theta: Numbers) -> Warp:
+def osg_lispsm_corrected(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     """`osg_lispsm` in one unit: lambda = sqrt(n (n + d s)) / s + y_min.
 
     Equal E_p at eye depths n and n + d s on the line through the eye along Z_w, which is what the code's apex, set
@@ -114,7 +114,7 @@ def osg_lispsm_corrected(frustum: ViewFrustum, theta: Numbers) -> Warp:
     return warp_of_product(space, jnp.sqrt(1 + space.mu_over_near * s) + s * (space.start / space.near), s)
 
 
-def osg_vdsm(frustum: ViewFrustum, theta: Numbers, near_far_ratio: Numbers = 0.05) -> Warp:
+def osg_vdsm(frustum: ViewFrustum | Body, theta: Numbers, near_far_ratio: Numbers = 0.05) -> Warp:
     """OpenSceneGraph's view-dependent shadow maps: lambda = (d/2) max(tan(30 deg) cot(g)^2, 2 y_min / d, r).
 
     The middle term is PSM's lambda = y_min, the apex at the eye. Uniform within 2 degrees of the view direction.
@@ -143,7 +143,7 @@ def osg_vdsm(frustum: ViewFrustum, theta: Numbers, near_far_ratio: Numbers = 0.0
     return _guarded(space, warps, 1 / lam_over_mu)
 
 
-def openmw(frustum: ViewFrustum, theta: Numbers, near_far_ratio: Numbers = 0.25) -> Warp:
+def openmw(frustum: ViewFrustum | Body, theta: Numbers, near_far_ratio: Numbers = 0.25) -> Warp:
     """OpenMW: `osg_vdsm` with r = 0.25, a user setting. components/sceneutil/mwshadowtechnique.cpp:2953 @e47ad77.
 
     Example:
@@ -155,7 +155,7 @@ def openmw(frustum: ViewFrustum, theta: Numbers, near_far_ratio: Numbers = 0.25)
     return osg_vdsm(frustum, theta, near_far_ratio)
 
 
-def ogre(frustum: ViewFrustum, theta: Numbers, adjust: Numbers = 0.1, threshold: Numbers = 0.451) -> Warp:
+def ogre(frustum: ViewFrustum | Body, theta: Numbers, adjust: Numbers = 0.1, threshold: Numbers = 0.451) -> Warp:
     """OGRE up to 13.5, its simple rule: lambda = (n + sqrt(c_n c_f)) k t, without any sin(theta).
 
     c_n and c_f are the camera's own near and far distance, which are n and f but for a `Body`. t = 1 while
@@ -189,7 +189,7 @@ def ogre(frustum: ViewFrustum, theta: Numbers, adjust: Numbers = 0.1, threshold:
     return Warp.from_range_ratio(space.mu_over_near / lam, space)
 
 
-def veloren(frustum: ViewFrustum, theta: Numbers, at_phi: Numbers = -0.2, span: Numbers = 0.3) -> Warp:
+def veloren(frustum: ViewFrustum | Body, theta: Numbers, at_phi: Numbers = -0.2, span: Numbers = 0.3) -> Warp:
     """Veloren, after Lloyd's thesis, section 5.2: lambda shaped by e from -1 (uniform) to 0 (LiSPSM).
 
     With w = min(f/n - 1, d s / n): lambda = d (1 + sqrt(1 + w) - e w) / (w (e + 1)). e = -1 below phi/3, rises as
@@ -221,7 +221,7 @@ def veloren(frustum: ViewFrustum, theta: Numbers, at_phi: Numbers = -0.2, span: 
 
 
 def tsm_xray(
-    frustum: ViewFrustum, theta: Numbers, delta: Numbers = 0.3, xi: Numbers = -0.6, cutoff: Numbers = 0.99
+    frustum: ViewFrustum | Body, theta: Numbers, delta: Numbers = 0.3, xi: Numbers = -0.6, cutoff: Numbers = 0.99
 ) -> Warp:
     """TSM in X-Ray (OpenXRay): lambda = d delta (1 + xi) / (1 - xi - 2 delta); uniform where |cos(g)| >= cutoff.
 
@@ -252,7 +252,7 @@ def tsm_xray(
 
 
 def tsm_dagor(
-    frustum: ViewFrustum, theta: Numbers, delta: Numbers = 0.52, xi: Numbers = -0.6, cutoff: Numbers = 0.95
+    frustum: ViewFrustum | Body, theta: Numbers, delta: Numbers = 0.52, xi: Numbers = -0.6, cutoff: Numbers = 0.95
 ) -> Warp:
     """TSM in Dagor: `tsm_xray` with its own numbers. prog/gameLibs/render/psm.cpp @3aaa489.
 

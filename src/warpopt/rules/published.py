@@ -16,7 +16,7 @@ from ..theory.warp import Warp
 from .body import Body, axis_depths, camera_planes, parameter, space_of, warp_of_product
 
 
-def ssm(frustum: ViewFrustum, theta: Numbers) -> Warp:
+def ssm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     """Standard shadow maps: no warp, lambda = inf.
 
     Example:
@@ -29,7 +29,7 @@ def ssm(frustum: ViewFrustum, theta: Numbers) -> Warp:
     return Warp.from_range_ratio(jnp.zeros_like(space.mu), space)
 
 
-def psm(frustum: ViewFrustum, theta: Numbers) -> Warp:
+def psm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     """Perspective shadow maps: lambda = n a, the apex at the eye; lambda = n at theta = pi/2 (AT09 section 2.1).
 
     E_q is about 1 and E_p about z on the view axis: the generalised linear distribution. None for theta <= phi.
@@ -45,7 +45,7 @@ def psm(frustum: ViewFrustum, theta: Numbers) -> Warp:
     return warp_of_product(space, space.a_plus)
 
 
-def lispsm(frustum: ViewFrustum, theta: Numbers) -> Warp:
+def lispsm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     """Light space perspective shadow maps: lambda = (n + sqrt(f n)) / sin(theta), VN section 2.1.
 
     Example:
@@ -60,7 +60,7 @@ def lispsm(frustum: ViewFrustum, theta: Numbers) -> Warp:
     return Warp.from_range_ratio(ratio, space)
 
 
-def scherzer(frustum: ViewFrustum, theta: Numbers) -> Warp:
+def scherzer(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     """SC (1), (2): n_opt = (n + sqrt(n (n + mu))) / sin(theta) measured from n before the eye, lambda = n_opt - n + d0.
 
     n is the camera's near distance, for a `Body` too; mu, the paper's Dz, is the body's extent along Z_w. Can be
@@ -80,7 +80,7 @@ def scherzer(frustum: ViewFrustum, theta: Numbers) -> Warp:
     return warp_of_product(space, lam_sin, s)
 
 
-def minimum_norm(frustum: ViewFrustum, theta: Numbers) -> Warp:
+def minimum_norm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     """Generalised minimum norm on the view axis: E_p(z = n) = E_p(z = f) there, lambda = d0 + sin(theta) sqrt(n f).
 
     The minimiser of the axis' L-inf norm is `optimal_warp`'s with `Objective("p", "inf", "axis")`; it
@@ -97,7 +97,7 @@ def minimum_norm(frustum: ViewFrustum, theta: Numbers) -> Warp:
     return warp_of_product(space, lam)
 
 
-def tsm(frustum: ViewFrustum, theta: Numbers, kappa: Numbers = 0.5, xi: Numbers = 0.8) -> Warp:
+def tsm(frustum: ViewFrustum | Body, theta: Numbers, kappa: Numbers = 0.5, xi: Numbers = 0.8) -> Warp:
     """Trapezoidal shadow maps: the axis point z = n + (f - n) kappa is mapped to s = xi; VN (16), corrected.
 
     lambda = mu d_k (1 - xi) / (xi mu - d_k), d_k the point's light-space depth; none where it lies beyond xi mu.
@@ -119,7 +119,7 @@ def tsm(frustum: ViewFrustum, theta: Numbers, kappa: Numbers = 0.5, xi: Numbers 
     return Warp.from_range_ratio(ratio, space, ratio >= 0)
 
 
-def tsm_alternative(frustum: ViewFrustum, theta: Numbers, kappa: Numbers = 0.5) -> Warp:
+def tsm_alternative(frustum: ViewFrustum | Body, theta: Numbers, kappa: Numbers = 0.5) -> Warp:
     """TSM's alternative for theta <= phi: the warp with the largest area of the map for the focus region; VN section 3.
 
     The focus region, eye depths up to z_k = n + (f - n) kappa, covers delta in [p, q], with middle m; the maximum of

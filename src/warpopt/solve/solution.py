@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
@@ -77,13 +78,13 @@ class SceneSolution(eqx.Module):
     footprint: Footprint
 
     def coordinates(
-        self, eye_points: Float[ArrayLike, "... 3"]
+        self, eye_points: Float[Array | np.ndarray, "... 3"]
     ) -> tuple[LightDepth, Float[Array, "..."], Float[Array, "..."]]:
         """(depth as delta and 1 - delta, x from W's axis, eye depth z) of points in eye coordinates."""
         return self.footprint.coordinates(self.frame, eye_points)
 
     def aliasing_error(
-        self, eye_points: Float[ArrayLike, "... 3"], metric: str | Metric = "p", eta: ArrayLike | None = None
+        self, eye_points: Float[Array | np.ndarray, "... 3"], metric: str | Metric = "p", eta: ArrayLike | None = None
     ) -> Float[Array, "..."]:
         """E at points in eye coordinates (`Camera.to_eye`), for the optimal warp or any other eta.
 

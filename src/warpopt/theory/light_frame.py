@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
@@ -84,21 +85,21 @@ class LightFrame(eqx.Module):
         self.density_q = jnp.sqrt((dx * width) ** 2 + (dy * height) ** 2) / t
         self.density_p = jnp.sqrt((dy * width) ** 2 + (dx * height) ** 2) / s
 
-    def depth(self, points: Float[Array, "... 3"]) -> Float[Array, "..."]:
+    def depth(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
         """Z_w . c for points in eye coordinates."""
-        return points @ self.z_axis
+        return jnp.asarray(points) @ self.z_axis
 
-    def lateral(self, points: Float[Array, "... 3"]) -> Float[Array, "..."]:
+    def lateral(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
         """X_w . c."""
-        return points @ self.x_axis
+        return jnp.asarray(points) @ self.x_axis
 
-    def eye_depth(self, points: Float[Array, "... 3"]) -> Float[Array, "..."]:
+    def eye_depth(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
         """What errors are inversely proportional to: z under a directional light."""
-        return points[..., 2]
+        return jnp.asarray(points)[..., 2]
 
-    def along_light(self, points: Float[Array, "... 3"]) -> Float[Array, "..."]:
+    def along_light(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
         """l . c, which grows away from the light."""
-        return points @ self.light
+        return jnp.asarray(points) @ self.light
 
 
 def resolutions(

@@ -135,12 +135,13 @@ class LightSpace(eqx.Module):
         """Depth of the points at height fraction u in [0, 1] and eye depth z."""
         return self._depth(z, z * u * self.slope * 2, z * (1 - u) * self.slope * 2)
 
-    def depth_yz(self, y: Float[Array, "..."], z: Float[Array, "..."]) -> LightDepth:
+    def depth_yz(self, y: Float[Array | np.ndarray, "..."], z: Float[Array | np.ndarray, "..."]) -> LightDepth:
         """Depth of the points at eye coordinates (y, z).
 
         On the upper plane y = z tan(phi) is itself a cancellation: A's relative error there is up to eps / eta,
         whatever the formula. `depth_uz` has no such weakness.
         """
+        y, z = jnp.asarray(y), jnp.asarray(z)
         half = z * self.slope
         offset = y * jnp.where(self.mirrored, -1, 1) * (self.slope / self.tan_phi)
         return self._depth(z, half - offset, half + offset)
