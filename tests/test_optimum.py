@@ -154,3 +154,17 @@ def test_the_maximum_is_at_a_corner():
             grid = np.asarray(warpopt.theory.aliasing_error_uz(FRUSTUM, THETA, warp, u, z, metric))
             corners = [float(t.supremum(*exponents, t.lam(mpf(eta)))) for t in scenes.twins()]
             np.testing.assert_allclose(grid.max((0, 1)), corners, rtol=64 * EPS)
+
+
+@pytest.mark.parametrize("norm", ["l1", "l2"])
+def test_a_flat_optimum_is_no_warp(norm):
+    """A light along the view: delta is even about 1/2, so that E_p's norm has its minimum, and no slope, at eta = 1.
+
+    Killed: a slope of rounding, which has either sign, taken for one.
+    """
+    rng = np.random.default_rng(5)
+    near = 10 ** rng.uniform(-2, 2, 200)
+    frustum = warpopt.ViewFrustum(near, near * (1 + 10 ** rng.uniform(-1, 3, 200)), rng.uniform(0.05, 1.2, 200))
+    solution = warpopt.optimal_warp(warpopt.FrustumView(frustum, 0.0), warpopt.Objective("p", norm))
+    assert bool((solution.warp.eta == 1).all())
+    assert bool((solution.result == warpopt.Outcome.no_warp).all())
