@@ -28,8 +28,12 @@ os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")  # of each operat
 from warpopt.app.common.jax_settings import prepare_jax
 
 LANE = os.environ.get("WARPOPT_LANE", "")
-# Files of tests, which hold in either lane. Their tolerances go with the dtype that JAX has.
-LANES = {"": None, "default-xla": ("test_lanes.py", "test_canaries.py", "test_closed_form.py"), "single": ("test_lanes.py",)}
+# Their files of tests; without a lane, all but the one that is theirs.
+LANES = {
+    "": (),
+    "default-xla": ("test_lanes.py", "test_canaries.py", "test_closed_form.py"),
+    "single": ("test_lanes.py", "test_canaries.py"),
+}
 if LANE not in LANES:
     raise pytest.UsageError(f"WARPOPT_LANE: got {LANE!r}, expected 'default-xla' or 'single'")
 if LANE != "default-xla":
@@ -50,11 +54,12 @@ def pytest_report_header():
     return f"lane: {LANE or 'float64, XLA without optimisation'}"
 
 
-def pytest_ignore_collect(collection_path):
+def pytest_collection_modifyitems(config, items):
     """A lane's own files alone."""
-    if LANES[LANE] is not None and collection_path.suffix in (".py", ".md"):
-        return collection_path.name not in (*LANES[LANE], "conftest.py")
-    return None
+    chosen = LANES[LANE]
+    kept = [item for item in items if (item.path.name in chosen if chosen else item.path.name != "test_lanes.py")]
+    config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+    items[:] = kept
 
 
 @pytest.hookimpl(optionalhook=True)

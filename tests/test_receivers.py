@@ -324,23 +324,31 @@ def test_gradients_are_those_of_the_whole_solve_and_finite_everywhere():
         def solve(v, m=metric, n=norm, k=kind):
             return answers(v, m, n, k)
 
-        both = jax.jit(lambda v, solve=solve: jax.jvp(solve, (v,), (direction,)))  # the answers, and their derivatives
-        at, forward = both(inputs)
+        @jax.jit
+        def pulled(v, weights, solve=solve):  # the answers, and the derivatives of their weighted sum
+            at, pull = jax.vjp(solve, v)
+            return at, pull(weights)[0]
+
+        weights = jnp.array([1.0, 0.0]), jnp.array([0.0, 1.0])
+        at, _ = pulled(inputs, weights[0])
+        along = [sum((pulled(inputs, w)[1][name] * direction[name]).sum() for name in inputs) for w in weights]
+        along = jnp.stack(along)
         step = 1e-6
-        plus, minus = (both(jax.tree.map(lambda v, d, h=h: v + h * d, inputs, direction))[0] for h in (step, -step))
+        plus, minus = (
+            pulled(jax.tree.map(lambda v, d, h=h: v + h * d, inputs, direction), weights[0])[0] for h in (step, -step)
+        )
         difference = (plus - minus) / (2 * step)
         size = jnp.abs(at)
-        np.testing.assert_allclose(forward / size, difference / size, rtol=2e-6, atol=2e-7)  # eps/step
-        gradient_of = jax.jit(jax.grad(lambda v, f=solve: f(v).sum()))
-        reverse = gradient_of(inputs)
-        total = sum((reverse[k] * direction[k]).sum() for k in inputs)
-        np.testing.assert_allclose(total, forward.sum(), rtol=1e-10)
+        np.testing.assert_allclose(along / size, difference / size, rtol=2e-6, atol=2e-7)  # eps/step
+        if kind == "points":
+            forward = jax.jit(lambda v, solve=solve: jax.jvp(solve, (v,), (direction,))[1])(inputs)
+            np.testing.assert_allclose(along, forward, rtol=1e-10)
         for edge in (
             {"light": inputs["forward"]}, {"light": jnp.array([0.0, -1.0, 0.0])}, {"light": -inputs["forward"]},
             {"lower": jnp.array([-9.0, -1.0, 60.0])}, {"points": points * jnp.array([1.0, 1.0, 0.0]) - 5.0},
             {"lower": jnp.array([1.0, 2.0, 3.0])}, {"points": jnp.zeros_like(points)},
         ):  # fmt: skip
-            gradient = gradient_of(inputs | edge)
+            gradient = pulled(inputs | edge, jnp.ones(2))[1]
             assert all(jnp.isfinite(g).all() for g in gradient.values()), (kind, metric, norm, edge)
 
 
