@@ -102,6 +102,13 @@ def test_the_closed_form_and_the_papers_ratios():
     np.testing.assert_allclose(lower_bound(view), exact, rtol=16 * EPS)
 
 
+def test_a_thin_frustum_keeps_its_digits():
+    """f/n - 1 = 1e-9, light overhead: ln(f/n) / tan(phi). Killed: the logarithm of a quotient, 1e-7 off."""
+    far = 3.0 * (1 + 1e-9)
+    found = lower_bound(FrustumView(warpopt.ViewFrustum(3.0, far, 0.5), np.pi / 2))
+    assert float(found) == pytest.approx(np.log1p((far - 3.0) / 3.0) / np.tan(0.5), rel=1e-14)
+
+
 def test_the_logarithmic_map_attains_it_under_an_overhead_light():
     """s = log(z/n) / log(f/n): E_p = mu / (z tan(phi) s') is constant and equals the limit; the table is that map."""
     z = np.linspace(1, 100, 40)

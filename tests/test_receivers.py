@@ -158,13 +158,18 @@ def test_an_infinite_box_is_the_whole_frustum():
 
 
 def test_points_on_the_frustums_boundary_are_seen():
-    """Its own corners as points are the whole frustum in L-inf, in any pose: none is lost to rounding."""
+    """Its own corners as points are the whole frustum in L-inf, in any pose and window: none is lost to rounding.
+
+    Killed: a window that is taken to be centred.
+    """
+    left, right, bottom, top = window = (-0.7, 0.9, -0.3, 0.6)
+    corners = np.array([[x, y, 1] for x in (left, right) for y in (bottom, top)])
+    eye = np.concatenate([corners * 0.3, corners * 200.0])
     for seed in range(6):
         rng = np.random.default_rng(seed)
-        camera = Camera(rng.normal(size=3) * 30, rng.normal(size=3), rng.normal(size=3), 0.3, 200.0, 0.5, 1.6)
+        pose = rng.normal(size=3) * 30, rng.normal(size=3), rng.normal(size=3)
+        camera = Camera.off_centre(*pose, 0.3, 200.0, window)
         light = DirectionalLight(rng.normal(size=3))
-        corners = np.asarray(camera.corner_slopes())
-        eye = np.concatenate([corners * 0.3, corners * 200.0])
         world = eye @ np.asarray(camera.rotation) + np.asarray(camera.position)
         points, whole = (
             optimal_warp(SceneView(camera, light, receivers), Objective("pxq"))
@@ -172,6 +177,22 @@ def test_points_on_the_frustums_boundary_are_seen():
         )
         np.testing.assert_allclose(points.value, whole.value, rtol=1e-11)  # eps |position| / near
         np.testing.assert_allclose(points.warp.eta, whole.warp.eta, rtol=1e-11)
+
+
+def test_receivers_at_one_depth_up_to_rounding_are_flat():
+    """A wall across Z_w in poses that nothing is aligned with. Killed: a depth range of rounding taken for one."""
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        camera = Camera(rng.normal(size=3) * 5, rng.normal(size=3), rng.normal(size=3), 0.3, 200.0, 0.6)
+        light = DirectionalLight(rng.normal(size=3))
+        view, towards = (np.asarray(v) for v in (camera.rotation[2], light.direction))
+        z_axis = view - towards * (towards @ view)
+        z_axis /= np.linalg.norm(z_axis)
+        across = np.linalg.svd(z_axis[None])[2][1:]
+        wall = np.asarray(camera.position) + 20 * view + rng.uniform(-3, 3, (8, 2)) @ across
+        solution = optimal_warp(SceneView(camera, light, PointReceivers(wall)), Objective("pxq"))
+        assert Outcome(int(solution.result)) == Outcome.flat
+        assert (solution.warp.eta, solution.value) == (1, 0)
 
 
 def test_the_excess_bounds_the_regret_of_grouping():

@@ -245,8 +245,9 @@ def test_the_gradient_is_frozen_where_light_and_view_are_parallel():
     derivative = jax.jit(jax.jacfwd(matrix))
     for size in (0.0, 1e-300, 1e-9):
         assert jnp.isfinite(derivative(jnp.array([0.0, size, -1.0]))).all()
-    turning = [jnp.abs(derivative(jnp.array([0.0, size, -1.0]))[..., 0]).max() for size in (1e-3, 1e-5)]
+    turning = [jnp.abs(derivative(jnp.array([0.0, size, -1.0]))[..., 0]).max() for size in (1e-3, 1e-5, 1e-7)]
     assert 50 < turning[1] / turning[0] < 200
+    assert 50 < turning[2] / turning[1] < 200  # not frozen before it must be
 
 
 @pytest.mark.parametrize("eta", [1.0, 0.2])
