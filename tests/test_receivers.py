@@ -179,6 +179,26 @@ def test_points_on_the_frustums_boundary_are_seen():
         np.testing.assert_allclose(points.warp.eta, whole.warp.eta, rtol=1e-11)
 
 
+def test_points_that_the_camera_does_not_see_count_for_nothing():
+    """Behind it, beside its window, before the near and beyond the far plane, or of weight 0."""
+    rng = np.random.default_rng(8)
+    z = rng.uniform(2, 60, 12)
+    eye = np.c_[rng.uniform(-0.4, 0.4, (12, 2)) * z[:, None], z]
+    eye[7:] = [0, 0, -9], [40, 0, 20], [0, -30, 20], [0, 0, 0.2], [0, 0, 300]
+    world = eye @ np.asarray(CAMERA.rotation) + np.asarray(CAMERA.position)
+    weights = np.where(np.arange(12) == 3, 0.0, 1.0)
+    few = np.delete(np.arange(7), 3)
+    repeated = np.concatenate([few, few[[-1] * 6]])  # of one shape: the last, of all weights together, seven times
+    shares = np.where(np.arange(12) < 5, 1, 1 / 7)
+    every, seen = (
+        optimal_warp(SceneView(CAMERA, LIGHT, PointReceivers(*of)), Objective("pxq", "l2"))
+        for of in ((world, weights), (world[repeated], shares))
+    )
+    np.testing.assert_allclose(every.warp.eta, seen.warp.eta, rtol=1e-12)
+    np.testing.assert_allclose(every.value, seen.value, rtol=1e-12)
+    np.testing.assert_allclose(every.warp.mu, seen.warp.mu, rtol=1e-12)
+
+
 def test_receivers_at_one_depth_up_to_rounding_are_flat():
     """A wall across Z_w in poses that nothing is aligned with. Killed: a depth range of rounding taken for one."""
     for seed in range(4):

@@ -23,7 +23,7 @@ from warpopt.receivers import ConvexBody, PointReceivers, WholeFrustum
 
 N, F, PHI = 0.5, 60.0, 0.55
 OBJECTIVES = [("p", "inf", "screen"), ("q", "inf", "screen"), ("pxq", "l2", "volume"), ("p", "l1", "ground"),
-              ("q", "l2", "screen"), ("p", "inf", "axis")]  # fmt: skip
+              ("q", "l2", "screen"), ("pxq", "inf", "axis")]  # fmt: skip
 
 
 def light_at(theta):
