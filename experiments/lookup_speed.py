@@ -104,14 +104,14 @@ def table(measured: dict[str, dict[str, float]]) -> str:
     return markdown_table(("in C", *_METHODS), rows)
 
 
-def main() -> None:
+def main(words: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--directory", type=Path, default=Path("runs/lookup_speed"))
     parser.add_argument("--count", type=int, default=1_000_000)
     parser.add_argument("--repeats", type=int, default=15)
     parser.add_argument("--short", action="store_true", help="few directions, one compiler")
     parser.add_argument("--readme", type=Path, help="a page with a place for `lookup speed`")
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(words)
     compilers = [name for name in ("gcc", "clang") if shutil.which(name)]
     if not compilers:
         raise SystemExit("lookup_speed: got neither gcc nor clang on the path, expected a C compiler")

@@ -16,6 +16,11 @@ _EXPONENT = {"volume": 0, "screen": 2, "log_depth": 3, "ground": 4}
 _POWERS = {"p": (1, 0), "q": (0, 1), "pxq": (1, 1)}
 
 
+def horner(coefficients: list, at: mp.mpf) -> mp.mpf:
+    """The polynomial of the coefficients, highest power first; mpmath's own `polyval` is changing their order."""
+    return functools.reduce(lambda total, coefficient: total * at + coefficient, coefficients, mp.mpf(0))
+
+
 class Reference(NamedTuple):
     """The global minimiser and what depends on it."""
 
@@ -140,13 +145,13 @@ class Problem:
                 near_rules = eta > tie or (eta == tie and above)
                 on_top = eta > kink or (eta == kink and above)
                 polynomial = self._quadratic(near if near_rules else distant, top if on_top else low)
-                return mp.polyval(polynomial, eta)
+                return horner(polynomial, eta)
         else:
             breaks = [kink] if kink > 0 else []
             tie = mp.mpf(0)
 
             def condition(eta, above):
-                return mp.polyval(self._condition(top if eta > kink or (eta == kink and above) else low), eta)
+                return horner(self._condition(top if eta > kink or (eta == kink and above) else low), eta)
 
         if condition(mp.mpf(1), False) <= 0:
             return Reference(mp.mpf(1), self.norm(1), "no_warp")

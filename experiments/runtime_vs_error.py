@@ -102,7 +102,7 @@ def ours(sample: Sample, batch: int, short: bool = False) -> list[dict]:
     rows = []
     paths = [("", {}), (", iterative", {"method": "iterative"})]
     if not sample.objective.supremum:
-        paths += [(f", {k}-node quadrature", {"quadrature_nodes": k}) for k in (8, 16, 32)]
+        paths += [(f", {k}-node quadrature", {"quadrature_nodes": k}) for k in ((8,) if short else (8, 16, 32))]
     dtypes = ("float64",) if short else ("float64", "float32")
     variants = [(f"warpopt{word}{', float32' * (d == 'float32')}", d, o) for d in dtypes for word, o in paths]
     for name, dtype, options in variants:
@@ -145,9 +145,10 @@ def measure_methods(arguments) -> list[dict]:
         fewer = problems(min(arguments.batch, max(arguments.batch // 100, 50)), 0)
         many, few = view_of(fewer), view_of(sample.problem)
         found += scipy_vectorised(sample, fewer, seconds)
-        found += [dense_grid(sample, points, many, few, seconds) for points in (64, 1024)]
+        grids = (64,) if arguments.short else (64, 1024)
+        found += [dense_grid(sample, points, many, few, seconds) for points in grids]
         minimisers = (("BFGS", optx.BFGS(1e-8, 1e-8)), ("Nelder-Mead", optx.NelderMead(1e-8, 1e-8)))
-        found += [general_minimiser(sample, name, solver, fewer, seconds) for name, solver in minimisers]
+        found += [general_minimiser(sample, name, solver, fewer, seconds) for name, solver in minimisers[: 1 if arguments.short else 2]]
         found += published(sample, arguments.batch)
         found += deep(arguments, objective)
         for r in found:

@@ -1,14 +1,20 @@
 """The tests run in float64; the library itself never decides that.
 
 Compiling is most of their time: they take the command line's settings for it, and what one process has compiled, the
-others read, commands and experiments that tests start included. Experiments run the optimised code.
+others read, commands and experiments that tests start included.
+
+WARPOPT_LANE=default-xla takes XLA's own settings, which are a Python user's; WARPOPT_LANE=single leaves float64 off.
+Either runs the tests that are named in `LANES` alone, in a minute.
 """
 
 import atexit
+import gc
 import os
 import shutil
 import tempfile
 from pathlib import Path
+
+import pytest
 
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # workers have their parent's
     _cache = tempfile.mkdtemp(prefix="warpopt-tests-")
@@ -18,6 +24,8 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # workers have their parent's
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.05",
         "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
     }
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # jaxlib 0.10.1 warns at each program that it reads
+os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")  # of each operation's origin, which nothing here reads
 
 if os.environ.get("WARPOPT_CHECK_TYPES"):
     # Every call's shapes and types, against the signatures. The application's settings check themselves.
@@ -28,12 +36,39 @@ if os.environ.get("WARPOPT_CHECK_TYPES"):
 
 from warpopt.app.common.jax_settings import prepare_jax
 
-prepare_jax()
+LANE = os.environ.get("WARPOPT_LANE", "")
+# Their files of tests; without a lane, all but the one that is theirs.
+LANES = {
+    "": (),
+    "default-xla": ("test_lanes.py", "test_canaries.py", "test_closed_form.py"),
+    "single": ("test_lanes.py", "test_canaries.py"),
+}
+if LANE not in LANES:
+    raise pytest.UsageError(f"WARPOPT_LANE: got {LANE!r}, expected 'default-xla' or 'single'")
+if LANE != "default-xla":
+    prepare_jax()
 
 import jax
-import pytest
 
-jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_enable_x64", LANE != "single")
+# What JAX compiles is kept for the whole session: looking through all of it for garbage again and again took a sixth
+# of the time.
+gc.collect()
+gc.freeze()
+gc.set_threshold(200_000, 50, 1000)
+
+
+def pytest_report_header():
+    """What the numbers of this run stand for."""
+    return f"lane: {LANE or 'float64, XLA without optimisation'}"
+
+
+def pytest_collection_modifyitems(config, items):
+    """A lane's own files alone."""
+    chosen = LANES[LANE]
+    kept = [item for item in items if (item.path.name in chosen if chosen else item.path.name != "test_lanes.py")]
+    config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+    items[:] = kept
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -51,8 +51,10 @@ def folder(tmp_path, monkeypatch):
 
 
 def environment(**more: str) -> dict[str, str]:
-    """The user's own, without what would decide devices or compiler for the command."""
-    return {k: v for k, v in os.environ.items() if not k.startswith(("XLA_", "JAX_"))} | more
+    """The user's own, without what would decide devices or compiler for the command; compiled programs are shared."""
+    cache = ("JAX_COMPILATION_CACHE", "JAX_PERSISTENT_CACHE")
+    own = {k: v for k, v in os.environ.items() if k.startswith(cache) or not k.startswith(("XLA_", "JAX_"))}
+    return {**own, "TF_CPP_MIN_LOG_LEVEL": "3", **more}
 
 
 def run(folder: Path, *arguments: str, **variables: str) -> str:

@@ -102,6 +102,18 @@ def test_the_closed_form_and_the_papers_ratios():
     np.testing.assert_allclose(lower_bound(view), exact, rtol=16 * EPS)
 
 
+def test_a_thin_frustum_keeps_its_digits():
+    """f/n - 1 = 1e-9, light overhead: ln(f/n) / tan(phi), and what the right angle's rounding adds.
+
+    Killed: the logarithm of a quotient, which is 1e-7 off.
+    """
+    near = np.linspace(1.0, 7.0, 16)
+    far = near * (1 + 1e-9)
+    found = lower_bound(FrustumView(warpopt.ViewFrustum(near, far, 0.5), np.pi / 2))
+    exact = np.log1p((far - near) / near) / np.tan(0.5) + 2 * np.cos(np.pi / 2)
+    np.testing.assert_allclose(found, exact, rtol=1e-14)
+
+
 def test_the_logarithmic_map_attains_it_under_an_overhead_light():
     """s = log(z/n) / log(f/n): E_p = mu / (z tan(phi) s') is constant and equals the limit; the table is that map."""
     z = np.linspace(1, 100, 40)

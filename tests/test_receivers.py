@@ -158,13 +158,18 @@ def test_an_infinite_box_is_the_whole_frustum():
 
 
 def test_points_on_the_frustums_boundary_are_seen():
-    """Its own corners as points are the whole frustum in L-inf, in any pose: none is lost to rounding."""
+    """Its own corners as points are the whole frustum in L-inf, in any pose and window: none is lost to rounding.
+
+    Killed: a window that is taken to be centred.
+    """
+    left, right, bottom, top = window = (-0.7, 0.9, -0.3, 0.6)
+    corners = np.array([[x, y, 1] for x in (left, right) for y in (bottom, top)])
+    eye = np.concatenate([corners * 0.3, corners * 200.0])
     for seed in range(6):
         rng = np.random.default_rng(seed)
-        camera = Camera(rng.normal(size=3) * 30, rng.normal(size=3), rng.normal(size=3), 0.3, 200.0, 0.5, 1.6)
+        pose = rng.normal(size=3) * 30, rng.normal(size=3), rng.normal(size=3)
+        camera = Camera.off_centre(*pose, 0.3, 200.0, window)
         light = DirectionalLight(rng.normal(size=3))
-        corners = np.asarray(camera.corner_slopes())
-        eye = np.concatenate([corners * 0.3, corners * 200.0])
         world = eye @ np.asarray(camera.rotation) + np.asarray(camera.position)
         points, whole = (
             optimal_warp(SceneView(camera, light, receivers), Objective("pxq"))
@@ -172,6 +177,42 @@ def test_points_on_the_frustums_boundary_are_seen():
         )
         np.testing.assert_allclose(points.value, whole.value, rtol=1e-11)  # eps |position| / near
         np.testing.assert_allclose(points.warp.eta, whole.warp.eta, rtol=1e-11)
+
+
+def test_points_that_the_camera_does_not_see_count_for_nothing():
+    """Behind it, beside its window, before the near and beyond the far plane, or of weight 0."""
+    rng = np.random.default_rng(8)
+    z = rng.uniform(2, 60, 12)
+    eye = np.c_[rng.uniform(-0.4, 0.4, (12, 2)) * z[:, None], z]
+    eye[7:] = [0, 0, -9], [40, 0, 20], [0, -30, 20], [0, 0, 0.2], [0, 0, 300]
+    world = eye @ np.asarray(CAMERA.rotation) + np.asarray(CAMERA.position)
+    weights = np.where(np.arange(12) == 3, 0.0, 1.0)
+    few = np.delete(np.arange(7), 3)
+    repeated = np.concatenate([few, few[[-1] * 6]])  # of one shape: the last, of all weights together, seven times
+    shares = np.where(np.arange(12) < 5, 1, 1 / 7)
+    every, seen = (
+        optimal_warp(SceneView(CAMERA, LIGHT, PointReceivers(*of)), Objective("pxq", "l2"))
+        for of in ((world, weights), (world[repeated], shares))
+    )
+    np.testing.assert_allclose(every.warp.eta, seen.warp.eta, rtol=1e-12)
+    np.testing.assert_allclose(every.value, seen.value, rtol=1e-12)
+    np.testing.assert_allclose(every.warp.mu, seen.warp.mu, rtol=1e-12)
+
+
+def test_receivers_at_one_depth_up_to_rounding_are_flat():
+    """A wall across Z_w in poses that nothing is aligned with. Killed: a depth range of rounding taken for one."""
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        camera = Camera(rng.normal(size=3) * 5, rng.normal(size=3), rng.normal(size=3), 0.3, 200.0, 0.6)
+        light = DirectionalLight(rng.normal(size=3))
+        view, towards = (np.asarray(v) for v in (camera.rotation[2], light.direction))
+        z_axis = view - towards * (towards @ view)
+        z_axis /= np.linalg.norm(z_axis)
+        across = np.linalg.svd(z_axis[None])[2][1:]
+        wall = np.asarray(camera.position) + 20 * view + rng.uniform(-3, 3, (8, 2)) @ across
+        solution = optimal_warp(SceneView(camera, light, PointReceivers(wall)), Objective("pxq"))
+        assert Outcome(int(solution.result)) == Outcome.flat
+        assert (solution.warp.eta, solution.value) == (1, 0)
 
 
 def test_the_excess_bounds_the_regret_of_grouping():
@@ -324,23 +365,31 @@ def test_gradients_are_those_of_the_whole_solve_and_finite_everywhere():
         def solve(v, m=metric, n=norm, k=kind):
             return answers(v, m, n, k)
 
-        both = jax.jit(lambda v, solve=solve: jax.jvp(solve, (v,), (direction,)))  # the answers, and their derivatives
-        at, forward = both(inputs)
+        @jax.jit
+        def pulled(v, weights, solve=solve):  # the answers, and the derivatives of their weighted sum
+            at, pull = jax.vjp(solve, v)
+            return at, pull(weights)[0]
+
+        weights = jnp.array([1.0, 0.0]), jnp.array([0.0, 1.0])
+        at, _ = pulled(inputs, weights[0])
+        along = [sum((pulled(inputs, w)[1][name] * direction[name]).sum() for name in inputs) for w in weights]
+        along = jnp.stack(along)
         step = 1e-6
-        plus, minus = (both(jax.tree.map(lambda v, d, h=h: v + h * d, inputs, direction))[0] for h in (step, -step))
+        plus, minus = (
+            pulled(jax.tree.map(lambda v, d, h=h: v + h * d, inputs, direction), weights[0])[0] for h in (step, -step)
+        )
         difference = (plus - minus) / (2 * step)
         size = jnp.abs(at)
-        np.testing.assert_allclose(forward / size, difference / size, rtol=2e-6, atol=2e-7)  # eps/step
-        gradient_of = jax.jit(jax.grad(lambda v, f=solve: f(v).sum()))
-        reverse = gradient_of(inputs)
-        total = sum((reverse[k] * direction[k]).sum() for k in inputs)
-        np.testing.assert_allclose(total, forward.sum(), rtol=1e-10)
+        np.testing.assert_allclose(along / size, difference / size, rtol=2e-6, atol=2e-7)  # eps/step
+        if kind == "points":
+            forward = jax.jit(lambda v, solve=solve: jax.jvp(solve, (v,), (direction,))[1])(inputs)
+            np.testing.assert_allclose(along, forward, rtol=1e-10)
         for edge in (
             {"light": inputs["forward"]}, {"light": jnp.array([0.0, -1.0, 0.0])}, {"light": -inputs["forward"]},
             {"lower": jnp.array([-9.0, -1.0, 60.0])}, {"points": points * jnp.array([1.0, 1.0, 0.0]) - 5.0},
             {"lower": jnp.array([1.0, 2.0, 3.0])}, {"points": jnp.zeros_like(points)},
         ):  # fmt: skip
-            gradient = gradient_of(inputs | edge)
+            gradient = pulled(inputs | edge, jnp.ones(2))[1]
             assert all(jnp.isfinite(g).all() for g in gradient.values()), (kind, metric, norm, edge)
 
 

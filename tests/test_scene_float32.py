@@ -81,7 +81,9 @@ def test_single_precision_stays_single(kind):
         view = SceneView(camera, light, EVERY_KIND[kind], screen=(1920, 1080), shadow_map=(2048, 1024))
     else:
         view = SceneView(camera, light, EVERY_KIND[kind])
-    for metric, norm in (("p", "inf"), ("q", "inf"), ("max", "inf"), ("p", "l2"), ("q", "l2"), ("pxq", "l1")):
+    every = ("p", "inf"), ("q", "inf"), ("max", "inf"), ("p", "l2"), ("q", "l2"), ("pxq", "l1")
+    # A box and a buffer take seconds to trace: of norms the two that hold the others' terms.
+    for metric, norm in every[2::3] if kind in ("box", "buffer", "histogram") else every:
         objective = Objective(metric, norm)
 
         def verbs(view, objective=objective):

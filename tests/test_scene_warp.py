@@ -40,10 +40,10 @@ def test_on_the_yz_plane_it_is_the_closed_form(metric, norm, measure):
 
     objective = Objective(metric, norm, measure)
 
-    def solve(direction):
-        return optimal_warp(SceneView(camera, DirectionalLight(direction)), objective, throw=False)
+    def solve(light):
+        return optimal_warp(SceneView(camera, light), objective, throw=False)
 
-    found = jax.vmap(solve)(light_at(theta) @ rotation.T)
+    found = jax.vmap(solve)(jax.vmap(DirectionalLight)(light_at(theta) @ rotation.T))
     exact = optimal_warp(FrustumView(ViewFrustum(N, F, PHI), theta), objective)
     np.testing.assert_allclose(found.warp.eta, exact.warp.eta, rtol=1e-12)
     np.testing.assert_allclose(found.value, exact.value, rtol=1e-12)

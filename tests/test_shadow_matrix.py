@@ -245,5 +245,35 @@ def test_the_gradient_is_frozen_where_light_and_view_are_parallel():
     derivative = jax.jit(jax.jacfwd(matrix))
     for size in (0.0, 1e-300, 1e-9):
         assert jnp.isfinite(derivative(jnp.array([0.0, size, -1.0]))).all()
-    turning = [jnp.abs(derivative(jnp.array([0.0, size, -1.0]))[..., 0]).max() for size in (1e-3, 1e-5)]
+    turning = [jnp.abs(derivative(jnp.array([0.0, size, -1.0]))[..., 0]).max() for size in (1e-3, 1e-5, 1e-7)]
     assert 50 < turning[1] / turning[0] < 200
+    assert 50 < turning[2] / turning[1] < 200  # not frozen before it must be
+
+
+@pytest.mark.parametrize("eta", [1.0, 0.2])
+def test_errors_are_what_the_matrix_does_to_pixels_and_texels(eta):
+    """Densities against derivatives of the matrix, for pixels that are no squares, t != s and a light that rolls the map.
+
+    Along Z_w, the direction in which s alone depends on a point, and along X_w: pixels that a step across the view moves
+    on the screen, over texels that a step in space moves in the map. Killed: t in the place of s, width of height.
+    """
+    columns, rows, texels = 1920, 1080, np.array([2048, 640])
+    window = np.array([-0.5, 0.9, -0.4, 0.3])
+    camera = Camera.off_centre((1, 2, 3), (0.2, -0.1, -1), (0.3, 1, 0.1), N, F, tuple(window))
+    light = DirectionalLight((0.7, -0.5, -0.3))
+    view = SceneView(camera, light, screen=(columns, rows), shadow_map=texels)
+    solution = optimal_warp(view, Objective("max"))
+    matrix, plain = (shadow_matrix(view, Warp.from_eta(v, solution.footprint)) for v in (eta, 1.0))
+
+    def texel(matrix, eye):
+        clip = matrix @ jnp.append(eye @ camera.rotation + camera.position, 1)
+        return (clip[:2] / clip[3] + 1) / 2 * texels
+
+    x_axis, z_axis = (v / np.linalg.norm(v) for v in np.asarray(jax.jacfwd(texel, 1)(plain, jnp.array([0.0, 0, 5]))))
+    pixels = np.array([columns / (window[1] - window[0]), rows / (window[3] - window[2])])
+    for eye in np.array([[0.1, -0.2, 1.0], [3.0, 2.0, 12.0], [-20.0, 10.0, 70.0]]):
+        moved = np.asarray(jax.jacfwd(texel, 1)(matrix, jnp.asarray(eye)))
+        for metric, axis, texels_moved in (("q", x_axis, moved[0] @ x_axis), ("p", z_axis, moved[1] @ z_axis)):
+            across = axis[:2] / np.linalg.norm(axis[:2])
+            exact = np.linalg.norm(across * pixels) / eye[2] / abs(texels_moved)
+            assert float(solution.aliasing_error(eye, metric, eta)) == pytest.approx(exact, rel=1e-11), metric

@@ -1,0 +1,179 @@
+"""Breaks the package at one place after another, and says which tests notice.
+
+    PYTHONPATH=src python experiments/mutations.py                # all, some minutes of CPU time
+    PYTHONPATH=src python experiments/mutations.py --only table   # of files whose path has the word
+
+Each mutant is a copy of `src` in a temporary folder with one line changed, and the tests named beside it are run on
+that copy until the first fails. A mutant that survives asks for a test, or has its reason in `EQUIVALENT`.
+"""
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+class Mutation(NamedTuple):
+    """One change of one file, and what should notice it: files of `tests/`, an expression for pytest's -k."""
+
+    file: str
+    old: str
+    new: str
+    tests: str
+    chosen: str = ""
+
+
+MUTATIONS = (
+    Mutation("theory/light_frame.py", "(dy * height) ** 2) / t", "(dy * height) ** 2) / s", "shadow_matrix", "pixels_and_texels"),
+    Mutation("theory/light_frame.py", "return columns / (right - left), rows / (top - bottom), t, s",
+             "return rows / (right - left), columns / (top - bottom), t, s", "shadow_matrix", "pixels_and_texels"),
+    Mutation("theory/light_frame.py", "parallel = sine_squared < jnp.finfo(l.dtype).eps",
+             "parallel = sine_squared < 1e4 * jnp.finfo(l.dtype).eps", "shadow_matrix", "frozen or parallel"),
+    Mutation("theory/light_frame.py", "jnp.where(l[2] < 0, jnp.pi, 0.0)", "jnp.where(l[2] > 0, jnp.pi, 0.0)",
+             "scene_warp", "yz_plane"),
+    Mutation("theory/light_space.py", "jnp.where(above, 0, -a)", "jnp.where(above, 0, a)", "aliasing"),
+    Mutation("theory/light_space.py", "angle = jnp.where(mirrored, difference + rest,",
+             "angle = jnp.where(mirrored, difference,", "aliasing"),
+    Mutation("theory/light_space.py", "return jnp.log1p(self.depth_range)", "return jnp.log(self.far / self.near)",
+             "lower_bound", "thin"),
+    Mutation("theory/light_space.py", "range(7, 0, -1)]", "range(3, 0, -1)]", "aliasing"),
+    Mutation("theory/light_space.py", "x * self.b + 2 * T * (1 - u)) / mu", "x * self.b + 2 * T * u) / mu",
+             "aliasing"),
+    Mutation("theory/aliasing.py", "smaller((1 + space.depth_range) * near.blend(eta), far.blend(eta))",
+             "far.blend(eta)", "aliasing"),
+    Mutation("theory/aliasing.py", "jnp.sin(theta) - ky * jnp.cos(theta)", "jnp.sin(theta) + ky * jnp.cos(theta)",
+             "aliasing"),
+    Mutation("theory/aliasing.py", "0.5 + x / (2 * half_width * blend)", "0.5 + x / (half_width * blend)", "aliasing"),
+    Mutation("theory/warp.py", "self.mu * self.eta + shift * self.one_minus_eta",
+             "self.mu * self.eta - shift * self.one_minus_eta", "warp"),
+    Mutation("theory/warp.py", "<= 16 * eps * jnp.abs(start) + 4 * eps * mu", "<= 0 * mu", "warp"),
+    Mutation("theory/warp.py", "return -jnp.log(self.eta) / jnp.log1p", "return jnp.log(self.eta) / jnp.log1p",
+             "rules engine_rules warp"),
+    Mutation("theory/camera.py", "for x in (left, right) for y in (bottom, top)",
+             "for x in (left, right) for y in (-top, top)", "receivers", "boundary"),
+    Mutation("receivers/footprint.py", "(sides.depth, sides.farthest, *sides.reached)",
+             "(sides.farthest, sides.farthest, *sides.reached)", "receivers depth_buffer", "excess or cells"),
+    Mutation("receivers/footprint.py", "jnp.where(largest < 0, largest, jnp.where(least > 0, least, 0))",
+             "jnp.zeros_like(least)", "receivers scene_warp", "buffer or yz_plane"),
+    Mutation("receivers/footprint.py", "flat = ~(end - start > 4 * jnp", "flat = ~(end - start > 0 * jnp",
+             "receivers", "flat"),
+    Mutation("receivers/moments.py", "[math.comb(M, j) * value for j, value in enumerate(sums)]",
+             "[value for j, value in enumerate(sums)]", "scene_warp", "brute_force"),
+    Mutation("receivers/points.py", "seen = (weights > 0) & seen_from(camera, points)", "seen = weights > 0",
+             "receivers", "does_not_see"),
+    Mutation("receivers/points.py", "slack = 64 * jnp", "slack = 0 * jnp", "receivers", "boundary"),
+    Mutation("receivers/bins.py", "_FINEST = 1e-4", "_FINEST = 1e-1", "receivers shadow_matrix", "excess or any_kind"),
+    Mutation("receivers/bins.py", "for side in (largest - axis, axis - least)",
+             "for side in (axis - least, largest - axis)", "receivers", "exact or boundary or buffer"),
+    Mutation("receivers/convex_body.py", "growth = 3 - DENSITY_EXPONENT", "growth = 2 - DENSITY_EXPONENT",
+             "receivers", "exact or holds"),
+    Mutation("receivers/whole_frustum.py", "jnp.where(least > 0, n * least, f * least)", "n * least", "scene_warp",
+             "yz_plane"),
+    Mutation("receivers/depth_histogram.py", "counts = self.counts * jnp.diff(edges) / jnp.diff(whole)",
+             "counts = self.counts", "receivers", "histogram"),
+    Mutation("receivers/polytope.py", "tolerance = 64 * eps * reach", "tolerance = 0 * eps * reach", "receivers",
+             "vertices or thinner or plane"),
+    Mutation("receivers/frustum_moments.py", "jnp.where(x < 1, jnp.expm1(growth * L)",
+             "jnp.where(x < 0, jnp.expm1(growth * L)", "optimum closed_form aliasing laws", "norms or thin or moments"),
+    Mutation("receivers/frustum_moments.py", "ratio = 1 / ((1 + x) * sigma)", "ratio = 1 / ((1 + 2 * x) * sigma)",
+             "optimum", "l2"),
+    Mutation("solve/power_mean.py", "helps = rise > 4 * len(top[0])", "helps = rise > 0 * len(top[0])",
+             "optimum", "flat"),
+    Mutation("solve/power_mean.py", "at_kink = under & (below <= 0)", "at_kink = under & (below < -1e300)", "optimum",
+             "l2"),
+    Mutation("solve/sign_change.py", "mostly_b = b >= geometric", "mostly_b = b >= 0", "closed_form"),
+    Mutation("solve/sign_change.py", "falling = c1 <= 0", "falling = c1 <= 1e300", "closed_form"),
+    Mutation("solve/footprint_optimum.py", "Outcome.kink, Outcome.tie), Outcome.stationary)",
+             "Outcome.tie, Outcome.tie), Outcome.stationary)", "scene_warp receivers scene_command", "brute or yz or excess or example"),
+    Mutation("solve/footprint_optimum.py", "met = met & (fixed.slope(at, below) <= 0) & (fixed.slope(at, above) >= 0)",
+             "met = met & (fixed.slope(at, below) <= 0)", "scene_warp receivers", "brute_force or yz or excess"),
+    Mutation("solve/footprint_optimum.py", "curvature > eps**0.5)", "curvature > 1e300)", "scene_warp", "brute or yz"),
+    Mutation("solve/scene.py", "value / jnp.where(least > 0, least, 1) - 1", "0 * value", "receivers depth_buffer",
+             "excess or cells or pixels"),
+    Mutation("bound/frustum.py", "return (space.b + space.a_minus) * L", "return (space.b - space.a_minus) * L",
+             "lower_bound", "raw_geometry"),
+    Mutation("bound/frustum.py", "middle = space.b * (log_length * decay((Q * root - 1) * log_length))",
+             "middle = space.b * (log_length * decay(Q * root * log_length))", "lower_bound", "l_p or raw_geometry"),
+    Mutation("bound/frustum_map.py", "first = tuple(a_minus * v for v in at_far)",
+             "first = tuple(b * v for v in at_far)", "lower_bound", "map"),
+    Mutation("render/shadow_matrix.py", "start = jnp.where(nearest < start, nearest, start)", "start = start + 0 * nearest",
+             "shadow_matrix", "casters"),
+    Mutation("render/shadow_matrix.py", "jnp.ones_like(mu), 1 - 2 * pad_s, jnp", "jnp.ones_like(mu), 1 - pad_s, jnp",
+             "shadow_matrix"),
+    Mutation("render/shadow_matrix.py", "for depth in (sides.depth, sides.farthest)]", "for depth in (sides.depth,)]",
+             "shadow_matrix receivers", "any_kind or depth_buffer or map"),
+    Mutation("render/shadow_matrix.py", "y = -1 if clip_space.y_down else 1", "y = 1", "shadow_matrix"),
+    Mutation("table/build/verify.py", "for _ in range(_ROUNDS):", "for _ in range(0):", "table", "spike"),
+    Mutation("table/build/verify.py", "np.maximum(in_precision(np.float64, points), in_precision(np.float32, rounded))",
+             "in_precision(np.float64, points)", "table", "promise or steep"),
+    Mutation("table/lookup.py", "share = high * (between", "share = low * (between", "table", "far_near"),
+    Mutation("table/build/heights.py", "for rising in (other - one, one - other)",
+             "for rising in (other - one, other - one)", "table", "slope"),
+    Mutation("table/build/tube.py", "upper = jnp.where(open_end, jnp.inf,", "upper = jnp.where(open_end, 1.0,", "table", "promise or other or outside"),
+    Mutation("table/build/slope.py", "_ALLOWED = 1.1", "_ALLOWED = 1.4", "table", "slope"),
+    Mutation("table/build/polyline.py", "least = np.maximum.accumulate(", "least = np.asarray(", "table", "fewest"),
+)  # fmt: skip
+
+EQUIVALENT: dict[tuple[str, str], str] = {}
+"""(file, new text) of mutants that nothing can notice, and why."""
+
+
+def mutated(mutation: Mutation, folder: Path) -> None:
+    """A copy of the sources with the change, which must be in the file exactly once."""
+    shutil.copytree(ROOT / "src", folder, ignore=shutil.ignore_patterns("__pycache__"))
+    path = folder / "warpopt" / mutation.file
+    text = path.read_text(encoding="utf-8")
+    if text.count(mutation.old) != 1:
+        raise SystemExit(f"{mutation.file}: got {text.count(mutation.old)} of {mutation.old!r}, expected one")
+    path.write_text(text.replace(mutation.old, mutation.new), encoding="utf-8")
+
+
+def noticed(mutation: Mutation, cache: Path) -> tuple[bool, str]:
+    """Whether a test fails on the mutant, and which."""
+    with tempfile.TemporaryDirectory() as temporary:
+        source = Path(temporary) / "src"
+        mutated(mutation, source)
+        files = [f"tests/test_{name}.py" for name in mutation.tests.split()]
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *files]
+        command += ["-k", mutation.chosen] if mutation.chosen else []
+        environment = {**os.environ, "PYTHONPATH": str(source), "PYTHONDONTWRITEBYTECODE": "1"}
+        # What the mutant does not touch is compiled once for all of them.
+        environment |= {"JAX_COMPILATION_CACHE_DIR": str(cache), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.05"}
+        done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    if done.returncode not in (0, 1):
+        return True, f"pytest ended with {done.returncode}: {done.stdout.strip().splitlines()[-1:]}"
+    failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    name = failed[0].split("::", 1)[1].split(" - ")[0] if failed else ""
+    return done.returncode == 1, name
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The table; the exit status is the number of survivors without a reason."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", default="", help="mutate files whose path has this")
+    parser.add_argument("--first", type=int, default=0, help="begin with the mutation of this number")
+    options = parser.parse_args(arguments)
+    survivors = 0
+    with tempfile.TemporaryDirectory() as cache:
+        for number, mutation in enumerate(MUTATIONS):
+            if options.only not in mutation.file or number < options.first:
+                continue
+            start = time.perf_counter()
+            killed, by = noticed(mutation, Path(cache))
+            reason = EQUIVALENT.get((mutation.file, mutation.new))
+            survivors += not killed and reason is None
+            verdict = f"killed by {by}" if killed else f"survived: {reason or 'no test notices'}"
+            took = time.perf_counter() - start
+            print(f"{number:2} {mutation.file}: {mutation.old} -> {mutation.new}\n   {verdict} ({took:.0f} s)", flush=True)
+    return survivors
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
