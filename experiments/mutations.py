@@ -171,7 +171,9 @@ def main(arguments: list[str] | None = None) -> int:
             survivors += not killed and reason is None
             verdict = f"killed by {by}" if killed else f"survived: {reason or 'no test notices'}"
             took = time.perf_counter() - start
-            print(f"{number:2} {mutation.file}: {mutation.old} -> {mutation.new}\n   {verdict} ({took:.0f} s)", flush=True)
+            print(
+                f"{number:2} {mutation.file}: {mutation.old} -> {mutation.new}\n   {verdict} ({took:.0f} s)", flush=True
+            )
     return survivors
 
 

@@ -3,8 +3,9 @@
 Compiling is most of their time: they take the command line's settings for it, and what one process has compiled, the
 others read, commands and experiments that tests start included.
 
-WARPOPT_LANE=default-xla takes XLA's own settings, which are a Python user's; WARPOPT_LANE=single leaves float64 off.
-Either runs the tests that are named in `LANES` alone, in a minute.
+WARPOPT_LANE=default-xla takes XLA's own settings, which are a Python user's; =single leaves float64 off; =types checks
+every call's shapes and types against the signatures (the application's settings check themselves). Each runs the tests
+that are named in `LANES` alone.
 """
 
 import atexit
@@ -27,8 +28,17 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # workers have their parent's
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # jaxlib 0.10.1 warns at each program that it reads
 os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")  # of each operation's origin, which nothing here reads
 
-if os.environ.get("WARPOPT_CHECK_TYPES"):
-    # Every call's shapes and types, against the signatures. The application's settings check themselves.
+LANE = os.environ.get("WARPOPT_LANE", "")
+# Their files of tests; without a lane, all but the one that is theirs.
+LANES = {
+    "": (),
+    "default-xla": ("test_lanes.py", "test_canaries.py", "test_closed_form.py"),
+    "single": ("test_lanes.py", "test_canaries.py"),
+    "types": ("test_lanes.py", "test_aliasing.py", "test_receivers.py", "test_compare_scene.py", "test_table.py"),
+}
+if LANE not in LANES:
+    raise pytest.UsageError(f"WARPOPT_LANE: got {LANE!r}, expected one of {list(LANES)}")
+if LANE == "types":
     from jaxtyping import install_import_hook
 
     _parts = [path for path in (Path(__file__).parents[1] / "src/warpopt").iterdir() if path.name != "app"]
@@ -36,15 +46,6 @@ if os.environ.get("WARPOPT_CHECK_TYPES"):
 
 from warpopt.app.common.jax_settings import prepare_jax
 
-LANE = os.environ.get("WARPOPT_LANE", "")
-# Their files of tests; without a lane, all but the one that is theirs.
-LANES = {
-    "": (),
-    "default-xla": ("test_lanes.py", "test_canaries.py", "test_closed_form.py"),
-    "single": ("test_lanes.py", "test_canaries.py"),
-}
-if LANE not in LANES:
-    raise pytest.UsageError(f"WARPOPT_LANE: got {LANE!r}, expected 'default-xla' or 'single'")
 if LANE != "default-xla":
     prepare_jax()
 
@@ -64,9 +65,11 @@ def pytest_report_header():
 
 
 def pytest_collection_modifyitems(config, items):
-    """A lane's own files alone."""
+    """A lane's own files alone; where types are checked, without what gives wrong ones on purpose."""
     chosen = LANES[LANE]
     kept = [item for item in items if (item.path.name in chosen if chosen else item.path.name != "test_lanes.py")]
+    if LANE == "types":
+        kept = [item for item in kept if item.get_closest_marker("wrong_types") is None]
     config.hook.pytest_deselected(items=[item for item in items if item not in kept])
     items[:] = kept
 
@@ -81,11 +84,3 @@ def pytest_xdist_make_scheduler(config, log):
 
     config.option.loadscopereorder = False
     return LoadFileScheduling(config, log) if config.getoption("dist") == "load" else None
-
-
-def pytest_collection_modifyitems(config, items):
-    """What gives wrong types on purpose would be stopped by the run-time checker before warpopt refuses it."""
-    if os.environ.get("WARPOPT_CHECK_TYPES"):
-        wrong = [item for item in items if item.get_closest_marker("wrong_types")]
-        config.hook.pytest_deselected(items=wrong)
-        items[:] = [item for item in items if item not in wrong]

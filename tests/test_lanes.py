@@ -10,7 +10,16 @@ import pytest
 from scenes import norms_of_points
 
 import warpopt
-from warpopt import Camera, DirectionalLight, FrustumView, Objective, SceneView, ViewFrustum, optimal_warp, shadow_matrix
+from warpopt import (
+    Camera,
+    DirectionalLight,
+    FrustumView,
+    Objective,
+    SceneView,
+    ViewFrustum,
+    optimal_warp,
+    shadow_matrix,
+)
 from warpopt.receivers import ConvexBody, DepthBuffer, PointReceivers
 
 DTYPE = jnp.result_type(float)

@@ -1,4 +1,4 @@
-"""What checks every call of the package in the lane that WARPOPT_CHECK_TYPES=1 opens; see conftest.py."""
+"""What checks every call of the package in the lane WARPOPT_LANE=types; see conftest.py."""
 
 from beartype import BeartypeConf, beartype
 

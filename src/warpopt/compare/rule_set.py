@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from .._checks import shown, trusted
 from ..rules import registry
@@ -17,7 +17,7 @@ from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
 from ..views import FrustumView
 
-Rule = Callable[[Any, Array], Warp]  # of a view frustum; warpopt's own of a `Body` too
+Rule = Callable[[Any, Float[Array, "..."]], Warp]  # of a view frustum; warpopt's own of a `Body` too
 Rules = None | str | Rule | Sequence[str | Rule] | Mapping[str, str | Rule]
 KNOWN: dict[str, Rule] = {name: rule.function for name, rule in registry.EVERY.items()}
 
