@@ -162,7 +162,7 @@ def test_a_body_that_is_the_frustum_gives_the_frustum_s_warps():
 )
 def test_rules_are_told_the_nearest_and_farthest_depth_that_is_seen(receivers, near, far):
     ahead = warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=0.45)
-    footprint = warpopt.theory.Extent(start=3.0, mu=20.0)
+    footprint = warpopt.theory.Extent(start=jnp.asarray(3.0), mu=jnp.asarray(20.0))
     view = warpopt.SceneView(ahead, warpopt.DirectionalLight((0, -1, 0)), receivers)
     body = over_scene._body(view, footprint, jnp.asarray(0.45))
     assert (float(body.near), float(body.far)) == (pytest.approx(near, rel=4 * EPS), pytest.approx(far, rel=4 * EPS))

@@ -117,6 +117,7 @@ def test_look_up_in_jax_and_numpy_agree_and_differentiate(table):
         table.warp(warpopt.ViewFrustum(2.0, 100.0, np.pi / 6), 0.9)
 
 
+@pytest.mark.wrong_types
 def test_outside_is_clamped_or_refused_as_asked(table):
     part = build_table(FRUSTUM, max_regret=1e-2, theta_range=(0.3, 1.2))
     for theta in (-1.0, 0.1):
