@@ -31,7 +31,8 @@ class Mutation(NamedTuple):
 
 
 MUTATIONS = (
-    Mutation("theory/light_frame.py", "(dy * height) ** 2) / t", "(dy * height) ** 2) / s", "shadow_matrix", "pixels_and_texels"),
+    Mutation("theory/light_frame.py", "(dy * height) ** 2) / t", "(dy * height) ** 2) / s", "shadow_matrix",
+             "pixels_and_texels"),
     Mutation("theory/light_frame.py", "return columns / (right - left), rows / (top - bottom), t, s",
              "return rows / (right - left), columns / (top - bottom), t, s", "shadow_matrix", "pixels_and_texels"),
     Mutation("theory/light_frame.py", "parallel = sine_squared < jnp.finfo(l.dtype).eps",
@@ -74,12 +75,12 @@ MUTATIONS = (
              "for side in (axis - least, largest - axis)", "receivers", "exact or boundary or buffer"),
     Mutation("receivers/convex_body.py", "growth = 3 - DENSITY_EXPONENT", "growth = 2 - DENSITY_EXPONENT",
              "receivers", "exact or holds"),
-    Mutation("receivers/whole_frustum.py", "jnp.where(least > 0, n * least, f * least)", "n * least", "scene_warp",
-             "yz_plane"),
+    Mutation("receivers/whole_frustum.py", "jnp.where(least > 0, n * least, f * least)", "n * least", "shadow_matrix",
+             "texture or round_trip"),
     Mutation("receivers/depth_histogram.py", "counts = self.counts * jnp.diff(edges) / jnp.diff(whole)",
              "counts = self.counts", "receivers", "histogram"),
     Mutation("receivers/polytope.py", "tolerance = 64 * eps * reach", "tolerance = 0 * eps * reach", "receivers",
-             "vertices or thinner or plane"),
+             "without_thickness"),
     Mutation("receivers/frustum_moments.py", "jnp.where(x < 1, jnp.expm1(growth * L)",
              "jnp.where(x < 0, jnp.expm1(growth * L)", "optimum closed_form aliasing laws", "norms or thin or moments"),
     Mutation("receivers/frustum_moments.py", "ratio = 1 / ((1 + x) * sigma)", "ratio = 1 / ((1 + 2 * x) * sigma)",
@@ -91,7 +92,8 @@ MUTATIONS = (
     Mutation("solve/sign_change.py", "mostly_b = b >= geometric", "mostly_b = b >= 0", "closed_form"),
     Mutation("solve/sign_change.py", "falling = c1 <= 0", "falling = c1 <= 1e300", "closed_form"),
     Mutation("solve/footprint_optimum.py", "Outcome.kink, Outcome.tie), Outcome.stationary)",
-             "Outcome.tie, Outcome.tie), Outcome.stationary)", "scene_warp receivers scene_command", "brute or yz or excess or example"),
+             "Outcome.tie, Outcome.tie), Outcome.stationary)",
+             "scene_warp receivers scene_command", "brute or yz or excess or example"),
     Mutation("solve/footprint_optimum.py", "met = met & (fixed.slope(at, below) <= 0) & (fixed.slope(at, above) >= 0)",
              "met = met & (fixed.slope(at, below) <= 0)", "scene_warp receivers", "brute_force or yz or excess"),
     Mutation("solve/footprint_optimum.py", "curvature > eps**0.5)", "curvature > 1e300)", "scene_warp", "brute or yz"),
@@ -103,8 +105,8 @@ MUTATIONS = (
              "middle = space.b * (log_length * decay(Q * root * log_length))", "lower_bound", "l_p or raw_geometry"),
     Mutation("bound/frustum_map.py", "first = tuple(a_minus * v for v in at_far)",
              "first = tuple(b * v for v in at_far)", "lower_bound", "map"),
-    Mutation("render/shadow_matrix.py", "start = jnp.where(nearest < start, nearest, start)", "start = start + 0 * nearest",
-             "shadow_matrix", "casters"),
+    Mutation("render/shadow_matrix.py", "start = jnp.where(nearest < start, nearest, start)",
+             "start = start + 0 * nearest", "shadow_matrix", "casters"),
     Mutation("render/shadow_matrix.py", "jnp.ones_like(mu), 1 - 2 * pad_s, jnp", "jnp.ones_like(mu), 1 - pad_s, jnp",
              "shadow_matrix"),
     Mutation("render/shadow_matrix.py", "for depth in (sides.depth, sides.farthest)]", "for depth in (sides.depth,)]",
@@ -116,7 +118,8 @@ MUTATIONS = (
     Mutation("table/lookup.py", "share = high * (between", "share = low * (between", "table", "far_near"),
     Mutation("table/build/heights.py", "for rising in (other - one, one - other)",
              "for rising in (other - one, other - one)", "table", "slope"),
-    Mutation("table/build/tube.py", "upper = jnp.where(open_end, jnp.inf,", "upper = jnp.where(open_end, 1.0,", "table", "promise or other or outside"),
+    Mutation("table/build/tube.py", "upper = jnp.where(open_end, jnp.inf,", "upper = jnp.where(open_end, 1.0,",
+             "table", "promise or other or outside"),
     Mutation("table/build/slope.py", "_ALLOWED = 1.1", "_ALLOWED = 1.4", "table", "slope"),
     Mutation("table/build/polyline.py", "least = np.maximum.accumulate(", "least = np.asarray(", "table", "fewest"),
 )  # fmt: skip
@@ -171,7 +174,9 @@ def main(arguments: list[str] | None = None) -> int:
             survivors += not killed and reason is None
             verdict = f"killed by {by}" if killed else f"survived: {reason or 'no test notices'}"
             took = time.perf_counter() - start
-            print(f"{number:2} {mutation.file}: {mutation.old} -> {mutation.new}\n   {verdict} ({took:.0f} s)", flush=True)
+            print(
+                f"{number:2} {mutation.file}: {mutation.old} -> {mutation.new}\n   {verdict} ({took:.0f} s)", flush=True
+            )
     return survivors
 
 

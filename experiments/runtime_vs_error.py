@@ -148,7 +148,10 @@ def measure_methods(arguments) -> list[dict]:
         grids = (64,) if arguments.short else (64, 1024)
         found += [dense_grid(sample, points, many, few, seconds) for points in grids]
         minimisers = (("BFGS", optx.BFGS(1e-8, 1e-8)), ("Nelder-Mead", optx.NelderMead(1e-8, 1e-8)))
-        found += [general_minimiser(sample, name, solver, fewer, seconds) for name, solver in minimisers[: 1 if arguments.short else 2]]
+        found += [
+            general_minimiser(sample, name, solver, fewer, seconds)
+            for name, solver in minimisers[: 1 if arguments.short else 2]
+        ]
         found += published(sample, arguments.batch)
         found += deep(arguments, objective)
         for r in found:

@@ -1,6 +1,6 @@
 """The 60-digit optima of tests/data/optima.csv: read, or found anew by the twin's search.
 
-    python tests/optima.py    # writes the file, in a minute or two
+python tests/optima.py    # writes the file, in a minute or two
 """
 
 import csv

@@ -1,4 +1,4 @@
-"""What holds in every lane: float64 or float32 as JAX's own dtype, XLA with its own settings or with the command line's.
+"""What holds in every lane: float64 or float32 as JAX's own dtype, XLA with its own settings or the command line's.
 
 Few, and broad: each goes from a user's plain numbers to an answer, against mathematics or raw geometry in NumPy.
 """
@@ -10,7 +10,16 @@ import pytest
 from scenes import norms_of_points
 
 import warpopt
-from warpopt import Camera, DirectionalLight, FrustumView, Objective, SceneView, ViewFrustum, optimal_warp, shadow_matrix
+from warpopt import (
+    Camera,
+    DirectionalLight,
+    FrustumView,
+    Objective,
+    SceneView,
+    ViewFrustum,
+    optimal_warp,
+    shadow_matrix,
+)
 from warpopt.receivers import ConvexBody, DepthBuffer, PointReceivers
 
 DTYPE = jnp.result_type(float)
