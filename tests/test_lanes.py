@@ -1,4 +1,4 @@
-"""What holds in every lane: float64 or float32 as JAX's own dtype, XLA with its own settings or with the command line's.
+"""What holds in every lane: float64 or float32 as JAX's own dtype, XLA with its own settings or the command line's.
 
 Few, and broad: each goes from a user's plain numbers to an answer, against mathematics or raw geometry in NumPy.
 """

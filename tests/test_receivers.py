@@ -63,6 +63,22 @@ def test_vertices_are_those_of_the_intersection(name):
     assert gaps.min(0).max() < 1e-9  # and nothing else is
 
 
+def test_a_body_without_thickness_keeps_its_corners():
+    """From anywhere: which of two equal planes a corner is beside is rounding. Killed: no tolerance for it."""
+    body = ConvexBody.box((-1, 0, -1), (1, 0, 1))
+    vertices_of = jax.jit(body.vertices)
+    corners = np.array([[x, 0, z] for x in (-1, 1) for z in (-1, 1)])
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        position = rng.normal(size=3)
+        position *= 10 / np.linalg.norm(position)
+        camera = Camera(position, -position, rng.normal(size=3), 0.5, 80.0, 0.5)
+        found, valid = (np.asarray(v) for v in vertices_of(camera))
+        gaps = np.linalg.norm(np.asarray(camera.to_eye(corners))[:, None] - found[valid], axis=-1)
+        assert gaps.min(1).max() < 1e-9
+        assert gaps.min(0).max() < 1e-9
+
+
 def test_integrals_over_a_body_are_exact():
     """E_p L1 (moments of degree 2) over a body: against the volume's integral by Qhull's tetrahedra, Gauss on each."""
     box = BOXES["ahead"]

@@ -252,10 +252,11 @@ def test_the_gradient_is_frozen_where_light_and_view_are_parallel():
 
 @pytest.mark.parametrize("eta", [1.0, 0.2])
 def test_errors_are_what_the_matrix_does_to_pixels_and_texels(eta):
-    """Densities against derivatives of the matrix, for pixels that are no squares, t != s and a light that rolls the map.
+    """Densities against derivatives of the matrix: pixels that are no squares, t != s and a light that rolls the map.
 
-    Along Z_w, the direction in which s alone depends on a point, and along X_w: pixels that a step across the view moves
-    on the screen, over texels that a step in space moves in the map. Killed: t in the place of s, width of height.
+    Along Z_w, the direction in which s alone depends on a point, and along X_w: pixels that a step across the view
+    moves on the screen, over texels that a step in space moves in the map. Killed: t in the place of s, width of
+    height.
     """
     columns, rows, texels = 1920, 1080, np.array([2048, 640])
     window = np.array([-0.5, 0.9, -0.4, 0.3])
