@@ -44,6 +44,7 @@ suppress_warnings = ["ref.python"]  # of a name that several classes have, such 
 
 ARRAY = "jaxlib._jax.Array"
 ARRAY_LIKE = f"~jax.{ARRAY} | ~numpy.ndarray | ~numpy.bool | ~numpy.number | bool | int | float | complex"
+NUMBERS = re.compile(r"ArrayLike \| ~?[\w.]*Sequence\[ArrayLike\] \| ~?[\w.]*Sequence\[~?[\w.]*Sequence\[ArrayLike\]\]")
 NAMED = re.compile(r"^\| \[`([\w.]+)`\]\(\.\./src/warpopt/[\w/]+\.py\) \|.*\n", re.M)
 
 
@@ -79,7 +80,10 @@ def short_types(app, what, name, subject, options, signature, returned):
     """The names that the source has, not what they stand for."""
 
     def short(text: str | None) -> str | None:
-        return text and text.replace(ARRAY_LIKE, "ArrayLike").replace(f"~jax.{ARRAY}", "Array").replace(ARRAY, "Array")
+        if text is None:
+            return None
+        text = text.replace(ARRAY_LIKE, "ArrayLike").replace(f"~jax.{ARRAY}", "Array").replace(ARRAY, "Array")
+        return NUMBERS.sub("ArrayLike | list", text)
 
     return short(signature), short(returned)
 
