@@ -77,7 +77,7 @@ def table(rows: list[dict]) -> str:
     )
     text = markdown_table(heads, cells)
     return f"{text}\n\nAngles in degrees, L-inf over V. " + (
-        "TSM's first rule warps everywhere here, at theta = 0 too, where no warp is the best."
+        "TSM's first rule warps everywhere here, at theta = 0 too, where eta = 1 (no warp) is optimal."
         if always
         else "TSM's first rule has directions without a warp here."
     )
