@@ -34,7 +34,7 @@ LANES = {
     "": (),
     "default-xla": ("test_lanes.py", "test_canaries.py", "test_closed_form.py"),
     "single": ("test_lanes.py", "test_canaries.py"),
-    "types": ("test_lanes.py", "test_aliasing.py", "test_receivers.py", "test_compare_scene.py", "test_table.py"),
+    "types": ("test_lanes.py", "test_aliasing.py", "test_closed_form.py", "test_compare_scene.py"),
 }
 if LANE not in LANES:
     raise pytest.UsageError(f"WARPOPT_LANE: got {LANE!r}, expected one of {list(LANES)}")
