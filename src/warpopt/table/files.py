@@ -1,4 +1,4 @@
-"""Tables on disk: npz, csv and json, written whole, read back with every flaw named."""
+"""Table files: npz, csv and json, written atomically; reading reports every defect."""
 
 import math
 from pathlib import Path
@@ -20,17 +20,17 @@ _COLUMNS = ("depth_ratio", "half_fov", "theta", "eta")  # one entry for each kno
 
 
 def save(table: "LambdaTable", path: str | Path) -> None:
-    """Write a table as .npz, .csv or .json, by the path's ending; byte for byte the same for the same table.
+    """Write a table as .npz, .csv or .json, by the file extension; equal tables give identical bytes.
 
     Raises:
         ValueError: another ending.
-        OSError: the file cannot be written; an earlier one is then as it was.
+        OSError: the file cannot be written; an existing one is left unchanged.
     """
     write_whole(path, _fields(table), _columns(table))
 
 
 def encoded_table(table: "LambdaTable", path: str | Path) -> bytes:
-    """What `save` writes to the path.
+    """The bytes that `save` writes to the path.
 
     Raises:
         ValueError: an ending other than .npz, .csv and .json.
@@ -42,7 +42,7 @@ def load(path: str | Path, kind: type["LambdaTable"]) -> "LambdaTable":
     """Read what `save` wrote; `kind` is the class.
 
     Raises:
-        DataFileError: a file that is missing, truncated, edited into nonsense, of another format or a later version.
+        DataFileError: a file that is missing, truncated, edited, of another format or a later version.
     """
     path = Path(path)
     fields = read_fields(path, "table", _COLUMNS)
@@ -70,7 +70,7 @@ def _columns(table: "LambdaTable") -> dict[str, np.ndarray]:
 
 
 def _table(fields: dict, kind: type["LambdaTable"]) -> "LambdaTable":
-    """The table of a file's fields; ValueErrors say what is wrong with them."""
+    """The table of a file's fields; a ValueError names the defect."""
     found, digest = fields.pop("format", None), fields.pop("digest", None)
     if found != FORMAT:
         raise ValueError(f"got format {found!r}, expected {FORMAT!r}")
@@ -101,7 +101,7 @@ def _table(fields: dict, kind: type["LambdaTable"]) -> "LambdaTable":
 
 
 def _rows(columns: list[np.ndarray]) -> Rows:
-    """The polylines that the columns hold, knot after knot and row after row."""
+    """The polylines in the columns, ordered by row, then by knot."""
     if not all(c.ndim == 1 and c.shape == columns[0].shape and np.isfinite(c).all() for c in columns):
         raise ValueError(f"got knots that are not finite or not as many of each, expected {_COLUMNS}")
     ratios, fovs = (np.unique(c) for c in columns[:2])
