@@ -23,8 +23,8 @@ Outside = Literal["clamp", "error"]
 class LambdaTable(eqx.Module):
     """The optimal warp for every light direction, optionally over ranges of far/near and of the field of view.
 
-    Polylines of eta in theta, whose knots move with far/near; see `lookup.lookup`. Knots may lie above eta = 1: a lookup
-    clamps at eta = 1 (no warp), so the onset of no warp needs no knot. Directions beyond pi/2 are mirrored, as the
+    Polylines of eta in theta, whose knots move with far/near; see `lookup.lookup`. Knots may lie above eta = 1: a
+    lookup clamps at eta = 1 (no warp), so the onset of no warp needs no knot. Directions beyond pi/2 are mirrored, as the
     frustum is symmetric. Built by `warpopt.build_table`; the numbers are float32.
 
     Attributes:

@@ -15,9 +15,9 @@ _GRID = 1024  # directions, one of which must lie in each zone
 def breakpoints(frusta: ViewFrustum, objective: Objective, first: float, last: float) -> np.ndarray:
     """(G, K) directions, not decreasing along K: the ends, theta = phi, and where the outcome changes.
 
-    The outcome (no warp, stationary point, tie, kink; see `optimal_warp`) changes at a kink of eta. Changes that some
-    frustum does not have exactly once are left out. As far/near or the field of view varies, the others may cross; sorted
-    by size they still vary continuously.
+    The outcome (no warp, stationary point, tie, kink; see `optimal_warp`) changes at a kink of eta. Changes that not
+    every frustum has exactly once are left out. As far/near or the field of view varies, the others may cross;
+    sorted by size they still vary continuously.
 
     Args:
         frusta: (G,).

@@ -15,7 +15,7 @@ def best_heights(knots: np.ndarray, theta: np.ndarray, around: ToleranceBand, ma
 
     Args:
         knots: (N,), not decreasing.
-    theta, around: (S,) directions, and the tolerance band there.
+        theta, around: (S,) directions, and the tolerance band there.
         max_slope: bound on |d log(height) / d theta| of every piece, or inf; linear in the heights, as a piece is steepest at its lower end.
 
     Returns:
@@ -58,8 +58,8 @@ def inside(
 
     Args:
         slope: (S, N).
-    value, around: (S,) values, and the tolerance band.
-    group: (S,) index of each entry's depth.
+        value, around: (S,) values, and the tolerance band.
+        group: (S,) index of each entry's depth.
     """
     below, above = around.room
     bounded = around.bounded

@@ -27,9 +27,9 @@ def fewest_rows(fit: "Fit", knots: np.ndarray, heights: np.ndarray, larger: Rows
     be predicted: the deficit's square root is a row density, by which rows are moved until all deficits are equal.
 
     Args:
-    fit: fits the heights of rows placed at some of G candidates.
-    knots, heights: (G, N) of the candidates; rows take their knots, and start from their heights.
-    larger: a table that stays in the tolerance band; its places are the start.
+        fit: fits the heights of rows placed at some of G candidates.
+        knots, heights: (G, N) of the candidates; rows take their knots, and start from their heights.
+        larger: a table that stays in the tolerance band; its places are the start.
     """
     place, kept, slack = fit.place, None, 0.1
     if larger is None:
@@ -75,9 +75,9 @@ class Fit:
 
     Args:
         samples: of candidate rows.
-    axis: "depth_ratio" or "half_fov", which varies from row to row.
-    place: (G,) the candidates' values on this axis, increasing.
-    other: the fixed value on the other axis.
+        axis: "depth_ratio" or "half_fov", which varies from row to row.
+        place: (G,) the candidates' values on this axis, increasing.
+        other: the fixed value on the other axis.
     """
 
     def __init__(self, samples: Samples, axis: str, place: np.ndarray, other: float):

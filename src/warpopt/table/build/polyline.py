@@ -18,7 +18,7 @@ def fewest_knots(x: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[n
         lower, upper: (N,), lower <= upper, finite.
 
     Raises:
-        ValueError: for N < 2, x that do not increase, or a tolerance band that is empty somewhere.
+        ValueError: N < 2, x that does not increase, or a tolerance band that is empty somewhere.
     """
     if len(x) < 2 or not (np.diff(x) > 0).all():
         raise ValueError("x: got values that do not increase, expected at least two that do")
