@@ -24,8 +24,8 @@ class LambdaTable(eqx.Module):
     """The optimal warp for every light direction, optionally over ranges of far/near and of the field of view.
 
     Polylines of eta in theta, whose knots move with far/near; see `lookup.lookup`. Knots may lie above eta = 1: a
-    lookup clamps at eta = 1 (no warp), so the onset of no warp needs no knot. Directions beyond pi/2 are mirrored, as the
-    frustum is symmetric. Built by `warpopt.build_table`; the numbers are float32.
+    lookup clamps at eta = 1 (no warp), so the onset of no warp needs no knot. Directions beyond pi/2 are mirrored, as
+    the frustum is symmetric. Built by `warpopt.build_table`; the numbers are float32.
 
     Attributes:
         depth_ratio: (R,) far/near of the rows, increasing; one entry if far/near is fixed.

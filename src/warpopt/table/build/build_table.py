@@ -208,7 +208,7 @@ def _fovs(ranges: Ranges) -> np.ndarray:
 
 
 def _bounded(ranges: Ranges, objective: Objective, max_slope: float, wanted: float) -> _Attempts:
-    """The row of least regret under the slope bound; yields its regret, plus slack for the directions between samples."""
+    """The row of least regret under the slope bound; yields its regret plus slack for unsampled directions."""
     rows, least = least_regret(ranges, objective, max_slope, wanted)
     slack = 1e-3
     while True:

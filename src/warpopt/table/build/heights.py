@@ -16,7 +16,8 @@ def best_heights(knots: np.ndarray, theta: np.ndarray, around: ToleranceBand, ma
     Args:
         knots: (N,), not decreasing.
         theta, around: (S,) directions, and the tolerance band there.
-        max_slope: bound on |d log(height) / d theta| of every piece, or inf; linear in the heights, as a piece is steepest at its lower end.
+        max_slope: bound on |d log(height) / d theta| of every piece, or inf; linear in the heights, as
+            a piece is steepest at its lower end.
 
     Returns:
         heights (N,) > 0, and the depth.

@@ -103,7 +103,7 @@ class Fit:
         active = np.arange(len(value)) % _FIRST == 0
         cost = np.concatenate([np.zeros(size), -np.ones(intervals)])
         bounds = [(-_STEP, _STEP)] * size + [(None, _ENOUGH)] * intervals
-        # Between rows log(eta) and the knots' distances are blended with equal weights, so it is never steeper than on the rows.
+        # Between rows, log(eta) and the knots' distances are blended equally, so no slope exceeds those of the rows.
         steepness = scipy.sparse.block_diag([slope_limits(row, self.max_slope) for row in knots], "csr")
         for _ in range(_PROGRAMS):
             few = ToleranceBand(*(v[active] for v in self.band))
