@@ -1,4 +1,4 @@
-"""What `warpopt export` was asked for. Knows nothing of JAX."""
+"""The request of `warpopt export`. Does not import JAX."""
 
 import dataclasses
 from pathlib import Path
@@ -16,11 +16,11 @@ _DATA = tuple(ending[1:] for ending in TABLE_ENDINGS)
 
 @dataclasses.dataclass(frozen=True)
 class ExportRequest:
-    """What to export, to which languages and formats, and where to.
+    """What to export, to which languages and formats, and to which folder.
 
     Attributes:
         table: its file; None for the closed form of `metric`.
-        code: languages; data: formats of tables; both in the order asked for, each once.
+        code: languages; data: formats of tables; both in the requested order without duplicates.
         prefix: of the names in code.
     """
 
@@ -33,10 +33,10 @@ class ExportRequest:
 
     @classmethod
     def of(cls, table: str, to: str, directory: Path, metric: str | None, prefix: str) -> "ExportRequest":
-        """The request in the words of the command line.
+        """The request from the command line's arguments.
 
         Raises:
-            ConfigError: every flaw, one a line.
+            ConfigError: lists every error, one per line.
         """
         closed = table == CLOSED_FORM
         possible = _CODE if closed else _CODE + _DATA
