@@ -107,7 +107,7 @@ def _checked(fields: dict) -> BoundMap:
         numbers = {name: float(fields[name]) for name in _NUMBERS}
         order, measure = order_of(str(fields["norm"])), str(fields["measure"])
     except (TypeError, ValueError, OverflowError):
-        raise ValueError("got a field that is no number, expected numbers") from None
+        raise ValueError("got a field that is not a number, expected numbers") from None
     shapes = {column.shape for column in columns.values()}
     rising = len(shapes) == 1 and all(c.ndim == 1 and len(c) > 1 and (np.diff(c) >= 0).all() for c in columns.values())
     rising = rising and (np.diff(columns["delta"]) > 0).all()
@@ -115,7 +115,7 @@ def _checked(fields: dict) -> BoundMap:
         raise ValueError("got knots that do not run from 0 to 1, expected delta and s that both do")
     own = {"format": FORMAT} | {name: str(fields[name]) for name in _TEXT} | numbers
     if fields["digest"] != digest_of(own, columns):
-        raise ValueError("got contents that its digest does not fit, expected a map as it was written")
+        raise ValueError("got contents that do not match the digest, expected an unedited map")
     return BoundMap(columns["delta"], columns["s"], **numbers, order=order, measure=measure)
 
 

@@ -29,8 +29,8 @@ _MIXED = 1.05  # far/near above which a cell is split in two
 class DepthBuffer(Receivers):
     """The pixels of a depth buffer rendered with the camera of the view; row 0 is the top of the screen.
 
-    Each pixel's centre is one receiver, all of equal weight: L_P norms are over what is seen. Background pixels are not
-    receivers.
+    Each pixel's centre is one receiver, all of equal weight: L_P norms are over the visible pixels. Background
+    pixels are not receivers.
 
     Args:
         depth: (H, W) or (H, W, 1); half precision is read as single.

@@ -87,5 +87,5 @@ class Receivers(eqx.Module):
             expected = ", ".join(map(repr, self.measures))
             raise ValueError(
                 f"measure: got {objective.measure!r} with {type(self).__name__}, expected "
-                + (f"one of {expected}" if len(self.measures) > 1 else f"{expected}: its weights are its own")
+                + (f"one of {expected}" if len(self.measures) > 1 else f"{expected}: it has weights")
             )

@@ -40,7 +40,7 @@ class WholeFrustum(Receivers):
         if not is_traced(camera.far) and jnp.isinf(camera.far).any():
             raise ValueError(
                 "camera: got far = inf with the whole frustum as receivers, expected a finite far, or receivers that "
-                "say what is seen"
+                "know their depths"
             )
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:

@@ -169,7 +169,7 @@ def _parsed(text: bytes) -> Any:
             f"got text that is not JSON at line {error.lineno}, column {error.colno}, expected glTF"
         ) from None
     except (ValueError, RecursionError):  # a number with thousands of digits, or very deep nesting
-        raise GltfError("got JSON with a number or a nesting without measure, expected glTF") from None
+        raise GltfError("got JSON with a number that is too long or nesting that is too deep, expected glTF") from None
 
 
 def _data_uri(item: Item, uri: str) -> bytes:

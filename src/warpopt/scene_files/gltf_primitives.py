@@ -116,7 +116,7 @@ class _Source:
         while f"JOINTS_{len(joints)}" in self._attributes:
             names = f"JOINTS_{len(joints)}", f"WEIGHTS_{len(joints)}"
             if names[1] not in self._attributes:
-                raise self._attributes.refused(names[1], f"weights beside {names[0]}")
+                raise self._attributes.refused(names[1], f"weights with {names[0]}")
             packed = self._packed(names[0], "VEC4")
             joints.append(self._accessors.integers(self._attributes, names[0], "VEC4") if packed is None else packed)
             weights.append(self.floats(names[1], "VEC4"))

@@ -82,7 +82,7 @@ def _table(fields: dict, kind: type["LambdaTable"]) -> "LambdaTable":
         numbers = [float(fields[name]) for name in _NUMBERS]
         slope = math.inf if str(fields["max_slope"]) == "none" else float(fields["max_slope"])
     except (TypeError, ValueError, OverflowError):
-        raise ValueError("got a field that is no number, expected numbers") from None
+        raise ValueError("got a field that is not a number, expected numbers") from None
     rows = _rows(columns)
     if not (all(math.isfinite(v) and v >= 0 for v in numbers) and slope > 0):
         raise ValueError(
@@ -96,7 +96,7 @@ def _table(fields: dict, kind: type["LambdaTable"]) -> "LambdaTable":
         max_slope=slope, promised=promised, achieved=achieved, worst=(at_theta, at_ratio, at_fov), version=version,
     )  # fmt: skip
     if digest != _fields(table)["digest"]:
-        raise ValueError("got contents that its digest does not fit, expected a table as it was written")
+        raise ValueError("got contents that do not match the digest, expected an unedited table")
     return table
 
 
@@ -107,10 +107,10 @@ def _rows(columns: list[np.ndarray]) -> Rows:
     ratios, fovs = (np.unique(c) for c in columns[:2])
     count, rest = divmod(len(columns[0]), max(1, len(ratios) * len(fovs)))
     if count < 2 or rest:
-        raise ValueError("got knots that are no grid, expected each row of depth_ratio and half_fov whole")
+        raise ValueError("got knots that do not form a grid, expected complete rows of depth_ratio and half_fov")
     of_knots = [c.reshape(len(ratios), len(fovs), count) for c in columns]
     if not all((c == axis).all() for c, axis in zip(of_knots, (ratios[:, None, None], fovs[:, None]), strict=False)):
-        raise ValueError("got knots that are no grid, expected each row of depth_ratio and half_fov whole")
+        raise ValueError("got knots that do not form a grid, expected complete rows of depth_ratio and half_fov")
     theta, eta = of_knots[2:]
     if not (np.diff(theta) >= 0).all() or not (theta[..., 0] < theta[..., -1]).all():
         raise ValueError("got knots whose theta does not increase, expected knots that do")

@@ -58,7 +58,7 @@ _LOCK = threading.RLock()  # rcParams are global: two threads must not restore e
 
 
 @contextlib.contextmanager
-def house_style() -> Iterator[None]:
+def shared_style() -> Iterator[None]:
     """The figures' style, set on entry and restored on exit; also a decorator."""
     with _LOCK, matplotlib.rc_context(cast(Any, _STYLE)):
         yield
@@ -73,7 +73,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 def save(figure: Figure, path: Path) -> None:
     """Write `path`.png and `path`.svg: text as outlines, no date, ids that depend only on the content."""
-    with house_style():
+    with shared_style():
         figure.savefig(path.with_name(path.name + ".png"), dpi=PNG_DPI, pil_kwargs={"compress_level": 4})
         figure.savefig(path.with_name(path.name + ".svg"), dpi=_SVG_DPI, metadata={"Date": None})
 

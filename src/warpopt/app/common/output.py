@@ -115,7 +115,9 @@ def check_files_replaceable(paths: Iterable[Path]) -> None:
             with path.open("rb") as file:
                 head = file.read(4096).replace(b"\0", b"")  # npz keeps text as UTF-32
             if b"warpopt" not in head:
-                raise ConfigError(f"{path}: got a file that warpopt did not write, expected its own or a new name")
+                raise ConfigError(
+                    f"{path}: got a file that warpopt did not write, expected one that it wrote or a new name"
+                )
 
 
 def whole_files(contents: Mapping[Path, bytes]) -> None:

@@ -149,7 +149,7 @@ def validated(model: type[pydantic.BaseModel], data: dict[str, Any], source: str
         return model.model_validate(data)
     except pydantic.ValidationError as error:
         lines = [_flaw(flaw) for flaw in error.errors()]
-        raise ConfigError("\n".join([f"{source}: {len(lines)} flaw{'s' * (len(lines) > 1)}", *lines])) from None
+        raise ConfigError("\n".join([f"{source}: {len(lines)} error{'s' * (len(lines) > 1)}", *lines])) from None
 
 
 def _flaw(flaw: Any) -> str:

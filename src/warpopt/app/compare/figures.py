@@ -70,11 +70,11 @@ def _title(c: Compared) -> str:
 def _curves_caption(compared: list[Compared]) -> str:
     return (
         "Each rule's error relative to the optimum's against the angle between view and light. Coloured: the rules "
-        "that are best on average in one of the panels, and your own; other rules are named if there is space (the map has "
-        "every name). Black line: the optimum. Shaded region: worse than no warp. The strips below show the optimum as "
-        "a multiple of the limit, the best that any map of the depth could reach, where it is known; multiply to get a "
-        "rule's multiple of the limit. A curve is missing where its rule yields no λ > 0, and leaves the panel where "
-        "it is worse than every ranked rule's worst." + _left_out(compared)
+        "that are best on average in one of the panels, and your own; other rules are named if there is space (the "
+        "map has every name). Black line: the optimum. Shaded region: worse than no warp. The strips below show the "
+        "optimum as a multiple of the limit, the best that any map of the depth could reach, where it is known; "
+        "multiply to get a rule's multiple of the limit. A curve is missing where its rule yields no λ > 0, and "
+        "leaves the panel where it is worse than every ranked rule's worst." + _left_out(compared)
     )
 
 
@@ -87,7 +87,7 @@ def _map_caption(compared: list[Compared]) -> str:
     )
 
 
-@style.house_style()
+@style.shared_style()
 def curves_figure(compared: list[Compared]) -> Figure:
     """value / optimum against theta, a panel for each objective, every curve named at its right end."""
     compared = compared[:MOST_PANELS]
@@ -209,7 +209,7 @@ def _name_curves(axes: Axes, labels: list[tuple], limits: tuple[float, float], l
         axes.text(1.045, y, text, color=colour, fontsize=7.4, va="center", transform=axes.transAxes)
 
 
-@style.house_style()
+@style.shared_style()
 def map_figure(compared: list[Compared]) -> Figure:
     """value / optimum as colour, a row for each rule, the best at the top; a panel for each objective."""
     compared = compared[:MOST_PANELS]

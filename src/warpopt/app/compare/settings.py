@@ -98,7 +98,7 @@ def read_compare_config(path: Path, overrides: list[str]) -> CompareConfig | Sce
     if scene and "view" in data:
         beside = " and ".join(f"[{name}]" for name in ("camera", "receivers") if name in data)
         raise ConfigError(
-            f"{path}: got [view] beside {beside}, expected a view frustum ([view], as in configs/compare.toml) or a "
+            f"{path}: got [view] with {beside}, expected a view frustum ([view], as in configs/compare.toml) or a "
             "scene ([camera] and [receivers], as in configs/compare_landscape.toml)"
         )
     return validated(SceneCompareConfig if scene else CompareConfig, data, str(path))

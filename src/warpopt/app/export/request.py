@@ -47,7 +47,7 @@ class ExportRequest:
                 f"  table: got {table!r}, expected a file ending in {', '.join(TABLE_ENDINGS)}, or {CLOSED_FORM!r}"
             )
         if not closed and metric is not None:
-            flaws.append(f"  metric: got {metric!r} beside a table, which has its own")
+            flaws.append(f"  metric: got {metric!r} with a table, which has a metric")
         if closed and metric is not None and metric not in get_args(Metric):
             flaws.append(f"  metric: got {metric!r}, expected {', '.join(get_args(Metric))}")
         try:
@@ -55,6 +55,6 @@ class ExportRequest:
         except ValueError as flaw:
             flaws.append(f"  {flaw}")
         if flaws:
-            raise ConfigError("\n".join([f"command line: {len(flaws)} flaw{'s' * (len(flaws) > 1)}", *flaws]))
+            raise ConfigError("\n".join([f"command line: {len(flaws)} error{'s' * (len(flaws) > 1)}", *flaws]))
         code, data = (tuple(name for name in names if name in kind) for kind in (_CODE, _DATA))
         return cls(None if closed else Path(table), metric or "p", code, data, directory, prefix)

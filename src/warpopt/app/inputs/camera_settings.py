@@ -132,7 +132,7 @@ class CameraConfig(NearFar):
             raise ValueError(f"got {min(alone)} without fx, expected it with a pinhole camera only")
         if self.view_matrix is not None:
             if self.forward is not None or self.target is not None:
-                raise ValueError("got forward or target beside view_matrix, expected one or the other")
+                raise ValueError("got forward or target with view_matrix, expected one or the other")
         else:
             exactly_one(self, ("forward", "target"))
             if np.linalg.norm(self._forward()) == 0:
@@ -143,7 +143,7 @@ class CameraConfig(NearFar):
                 raise ValueError(f"up: got {self.up}, {error}") from None
         if self.aspect is not None and (self.window is not None or self.fx is not None):
             other = "window" if self.window is not None else "fx"
-            raise ValueError(f"got aspect beside {other}, expected one or the other")
+            raise ValueError(f"got aspect with {other}, expected one or the other")
         if self.window is not None:
             left, right, bottom, top = self.window
             if not (left < right and bottom < top):

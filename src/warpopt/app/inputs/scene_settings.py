@@ -251,7 +251,7 @@ class SceneSettings(Section):
             raise ValueError("camera: missing (only a glTF file may contain one)")
         own = sorted({"camera", "far"} & gltf.model_fields_set) if gltf is not None and self.camera else []
         if own:
-            raise ValueError(f"receivers.gltf.{own[0]}: got one beside [camera], expected one or the other")
+            raise ValueError(f"receivers.gltf.{own[0]}: got one with [camera], expected one or the other")
         if gltf is not None and self.handedness == "left":
             raise ValueError("handedness: got 'left', expected 'right' with glTF, whose axes are right-handed")
         if self.light.from_file is not None and gltf is None:
@@ -261,7 +261,7 @@ class SceneSettings(Section):
         measure, receivers = self.objective.measure, self.receivers
         body = receivers.box is not None or receivers.planes is not None
         if receivers.whole_frustum is None and measure != "screen" and not (body and measure != "axis"):
-            expected = "any measure but 'axis'" if body else "'screen': the pixels have their own weights"
+            expected = "any measure but 'axis'" if body else "'screen': the pixels have weights"
             raise ValueError(f"objective.measure: got {measure!r} with {receivers.kind}, expected {expected}")
         if depth is not None and len(depth.files) != len(self.camera):
             raise ValueError(

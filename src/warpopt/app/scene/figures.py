@@ -77,7 +77,7 @@ def seen_of(config: SceneConfig, scene: SceneInput, s: Solved) -> Seen:
     return section_of(camera, planes, s.mapping, *_SECTION)
 
 
-@style.house_style()
+@style.shared_style()
 def error_map(config: SceneConfig, seen: Seen, s: Solved) -> Figure:
     """The scene, its error with and without the optimal warp, on one colour scale."""
     best, plain = (errors(s.mapping, seen, s.metric, warped) for warped in (True, False))
@@ -191,7 +191,7 @@ def _objectives(solved: list[Solved]) -> list[tuple[int, str, str]]:
     return list(dict.fromkeys((s.camera, s.metric, s.norm) for s in solved))
 
 
-@style.house_style()
+@style.shared_style()
 def path_figure(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> Figure:
     """Strength of the optimal warp, and errors with it and without, at every step of the light's path."""
     by_place = {(s.camera, s.light, s.metric, s.norm): s for s in solved}

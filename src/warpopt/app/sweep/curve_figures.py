@@ -43,7 +43,7 @@ def no_warp_spans(theta_deg: np.ndarray, lam_over_mu: np.ndarray, limit: float) 
     return [(float(start[i]), float(stop[j - 1] - start[i])) for i, j in edges.reshape(-1, 2)]
 
 
-@style.house_style()
+@style.shared_style()
 def lambda_figure(sweep: Sweep) -> Figure:
     """lambda / mu against theta for every rule and every optimum, one panel for each f/n.
 
@@ -135,7 +135,7 @@ def _no_warp_band(axes: Axes, sweep: Sweep, view: int, optima: list[OptimumCurve
     axes.tick_params(axis="y", length=0, pad=3, labelleft=labels)
 
 
-@style.house_style()
+@style.shared_style()
 def ratio_figure(sweep: Sweep) -> Figure:
     """value(rule) / value(optimum) against theta for the first view: a row for each metric, a column for each norm.
 

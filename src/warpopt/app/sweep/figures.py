@@ -149,7 +149,7 @@ def _error_distribution(views: Sequence[View], errors: Distributions) -> tuple[F
     sentences = [
         f"Side views of the aliasing errors E_p, E_q and E_p×q over the view frustum (f/n = {looks.ratio_text(view)}, "
         f"φ = {view.half_fov_deg:g}°) for θ = {phrase([f'{theta:g}°' for theta in THETAS_DEG])}, under no warp, "
-        f"LiSPSM, TSM (κ = {_KAPPA}, ξ = {_XI}) and the L∞ optimum of the panel's own metric.",
+        f"LiSPSM, TSM (κ = {_KAPPA}, ξ = {_XI}) and the L∞ optimum of the panel's metric.",
         "All panels share one logarithmic colour scale of base 5, with lines at the powers of 5; the near end is "
         "magnified in the upper left corner, and the number is the largest error over the frustum.",
         f"At θ = {THETAS_DEG[0]:g}° the largest error without a warp over the optimum's is, for {gains}.",

@@ -84,12 +84,12 @@ def _errors(frustum: "warpopt.ViewFrustum", theta: np.ndarray, y: jax.Array, z: 
     return jnp.stack(every)
 
 
-@style.house_style()
+@style.shared_style()
 def error_distribution_figure(view: View, data: Distributions | None = None) -> Figure:
     """AT09's Figure 3 with a column for the optimum: side views of the errors at theta = 90, 60 and 30 degrees.
 
     z runs to the right and y upwards, at the same scale; the free corner shows the magnified near part. The
-    number is the panel's maximum. The optimum is the L-inf optimum of the panel's own metric.
+    number is the panel's maximum. The optimum is the L-inf optimum of the panel's metric.
     """
     data = distributions(view) if data is None else data
     logs = np.log(data.errors) / math.log(5)
@@ -267,7 +267,7 @@ def _mapped(
     return tsm.lam_over_mu, jnp.stack(maps)
 
 
-@style.house_style()
+@style.shared_style()
 def focus_region_figure(kappa: float = 0.5, xi: float = 0.8, data: FocusRegion | None = None) -> Figure:
     """VN's Figure 3: how TSM at theta = 0 deforms the focus region.
 

@@ -54,7 +54,7 @@ class ComputeConfig(Section):
         if value is not None and processes is not None and value >= processes:
             raise ValueError(f"expected less than compute.processes = {processes}")
         if value is not None and "coordinator" in info.data and info.data["coordinator"] is None:
-            raise ValueError("expected compute.coordinator = 'host:port' with it")
+            raise ValueError("expected compute.coordinator = 'host:port' too")
         return value
 
 

@@ -62,7 +62,7 @@ def inside(
         value, around: (S,) values, and the tolerance band.
         group: (S,) index of each entry's depth.
     """
-    below, above = around.room
+    below, above = around.widths
     bounded = around.bounded
     below, above = 1 / below, 1 / above[bounded]  # the program's tolerance is then a depth
     depth = scipy.sparse.csr_matrix((np.ones(len(value)), (np.arange(len(value)), group)), (len(value), groups))

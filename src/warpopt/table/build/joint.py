@@ -42,8 +42,8 @@ def fewest_rows(fit: "Fit", knots: np.ndarray, heights: np.ndarray, larger: Rows
         which = _moved(np.log(place), which, np.ones(len(which) - 1), most)
     while left:
         rows, depths = fit(place[which], knots[which], heights[which])
-        lack = np.sqrt(1 - depths)
-        needed = 1 + math.ceil(lack.sum() / math.sqrt(1 - slack))
+        deficit = np.sqrt(1 - depths)
+        needed = 1 + math.ceil(deficit.sum() / math.sqrt(1 - slack))
         if depths.min() >= 0:
             kept, left = rows, _FEWER
             count = min(len(which) - 1, needed)
@@ -53,16 +53,16 @@ def fewest_rows(fit: "Fit", knots: np.ndarray, heights: np.ndarray, larger: Rows
             slack += 0.01
         if not 2 <= count <= _MOST_ROWS:
             break
-        moved = _moved(np.log(place), which, lack, count)
+        moved = _moved(np.log(place), which, deficit, count)
         if np.array_equal(moved, which):
             break
         which = moved
     return kept
 
 
-def _moved(place: np.ndarray, which: np.ndarray, lack: np.ndarray, count: int) -> np.ndarray:
+def _moved(place: np.ndarray, which: np.ndarray, deficit: np.ndarray, count: int) -> np.ndarray:
     """`count` rows, placed for equal predicted deficits of the intervals."""
-    reached = np.concatenate([[0.0], np.cumsum(lack)])
+    reached = np.concatenate([[0.0], np.cumsum(deficit)])
     at = np.interp(np.linspace(0, reached[-1], count), reached, place[which])
     return np.unique(np.abs(place[:, None] - at).argmin(0))
 

@@ -47,7 +47,7 @@ class Samples:
         self.breakpoints = found
         # The cumulative share of a span's knots. Knots at even steps of it have equal error: their density is
         # sqrt(|eta''| / width of the tolerance band). A tenth of the knots is spread evenly.
-        below, above = around.room
+        below, above = around.widths
         mass = _density_mass(theta, around.eta, np.where(around.bounded, (below + above) / 2, below))
         total = mass.sum(-1, keepdims=True)
         share = np.cumsum(mass, -1) / np.where(total > 0, total, 1)

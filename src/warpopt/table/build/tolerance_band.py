@@ -32,13 +32,13 @@ class ToleranceBand(NamedTuple):
         return np.isfinite(self.upper)
 
     @property
-    def room(self) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+    def widths(self) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
         """Distances from the optimum to the lower and the upper bound; 0 without an upper bound."""
         return self.eta - self.lower, np.where(self.bounded, self.upper - self.eta, 0)
 
     def depth(self, eta: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Relative depth in the band: 1 at the optimum, 0 on a bound, below 0 outside."""
-        below, above = (room + np.finfo(float).tiny for room in self.room)
+        below, above = (width + np.finfo(float).tiny for width in self.widths)
         return np.minimum((eta - self.lower) / below, (self.upper - eta) / above)
 
 
