@@ -111,7 +111,7 @@ class ConvexBody(Receivers):
             return
         if jnp.isinf(camera.far).any() and _vertices(camera, self)[2]:
             raise ValueError(
-                "receivers: got a body that goes on for ever in the view of a camera with far = inf, expected one that "
+                "receivers: got an unbounded body in the view of a camera with far = inf, expected one that "
                 "ends, or a finite far"
             )
 

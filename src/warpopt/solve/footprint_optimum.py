@@ -4,10 +4,10 @@ Up to a constant, the logarithm of the norm in u = log(eta) is
 
     f(u) = top(u) - alpha u + beta log(width(u))
 
-where top is the largest k log A - r log z among a few receivers (L-inf), or the log of a polynomial's root (L_P). It is
-pseudo-convex: the sign of its slope changes once, so the root finder needs only the sign. The condition at the root (a
-stationary point, a tie of two receivers, a kink of the width) is then identified by evaluating just below and just
-above, and solving that condition gives the last digits and the derivatives.
+where top is the largest k log A - r log z among a few receivers (L-inf), or the log of a polynomial's P-th root (L_P).
+It is pseudo-convex: the sign of its slope changes once, so the root finder needs only the sign. The condition at the
+root (a stationary point, a tie of two receivers, a kink of the width) is then identified by evaluating just below and
+just above, and solving that condition gives the last digits and the derivatives.
 """
 
 from typing import NamedTuple

@@ -96,7 +96,7 @@ def compute_sweep(
     objectives: Iterable[Objective],
     progress: Callable[[str], None] = lambda name: None,
 ) -> Sweep:
-    """Solve everything in this process; `progress` is told of each objective of each block."""
+    """Solve everything in this process; `progress` receives each finished objective of each block."""
     problem = SweepProblem(views, context, np.asarray(theta_deg, float), tuple(objectives))
     return sweep_of(problem, None, progress)
 
@@ -111,7 +111,7 @@ def sweep_of(
     progress: Callable[[str], None] = lambda name: None,
     all_there: bool = False,
 ) -> Sweep:
-    """The blocks of `files`, and those that are not there computed by this process's devices (and kept there).
+    """The blocks of `files`; missing ones are computed by this process's devices (and kept there).
 
     Raises:
         Incomplete: a block is not in `files`, with `all_there`.

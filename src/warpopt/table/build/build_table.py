@@ -53,7 +53,7 @@ def build_table(
     verified on dense, independent inputs and by a search around the worst of them; on failure the band is narrowed.
 
     Args:
-        frustum: one frustum; only its shape (far/near, half_fov) matters, only the values that have no range.
+        frustum: one frustum; of far/near and half_fov, only those without a range matter.
         objective: of metric "p", "q" or "pxq"; E_p in L-inf if None.
         max_regret: > 0.
         theta_range: first and last direction, radians, within [0, pi/2].
