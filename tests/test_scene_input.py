@@ -192,7 +192,7 @@ BAD = {
     ),
     "planes without end": (
         toml("planes = { planes = [[0, 1, 0, 0]] }", camera=CAMERA.replace("far = ", "#")),
-        ["receivers, seen by camera.0: ", "goes on for ever"],
+        ["receivers, seen by camera.0: ", "unbounded body"],
     ),
     "pinhole without cy": (
         toml(BOX, camera="position = [0, 1, 0]\nforward = [0, 0, -1]\nnear = 1.0\nfx = 10.0\nfy = 10.0\ncx = 4.0"),
