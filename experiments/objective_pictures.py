@@ -90,7 +90,7 @@ def measure_choices(view: View) -> list[Choice]:
     return [*columns, view.choice("what is seen", "p", "l2")]
 
 
-@style.house_style()
+@style.shared_style()
 def picture(choices: list[Choice], metrics: tuple[str, ...], curves: bool):
     """A column for each choice and a row of maps for each metric; below, how many pixels are worse than any error."""
     rows, columns = choices[0].maps["p"].shape

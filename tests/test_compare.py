@@ -382,7 +382,7 @@ def test_the_report_ranks_in_words(written, comparison):
     assert "- LiSPSM is worse than no warp for 0 to 7.133 deg by up to 1.5 %.\n" in text
     assert "- OGRE is worse than no warp for 0 to 16.48 deg, 40.91 to 78.09 deg by a factor of up to 2.07.\n" in text
     psm = "PSM is worse than no warp for 30 to 90 deg, yields no lambda > 0 for 0 to 30 deg"
-    assert f"{psm} and loses without bound towards 30 deg." in text
+    assert f"{psm} and is unbounded towards 30 deg." in text
     assert "| 2.99 | 29.58 deg |" in text  # Veloren's, between two directions
     assert "| - | unbounded | 30 deg | unbounded | 30 deg |" in text
     assert "The optimum's error is 1.96 to 17.8 times the limit." in text
@@ -436,13 +436,13 @@ def test_figures_are_drawn_and_written(written, comparison):
         (["--rules.own.mine", "rules_beside_the_config:long"], "rule mine: got a warp of shape (3,)"),
         (["--rules.own.mine", "rules_beside_the_config:negative"], "rule mine: got eta = -1"),
         (["--rules.own.mine", "no colon"], "rules.own.mine: got 'no colon', expected module:function"),
-        (["--rules.own.tsm", "rules_beside_the_config:tenth"], "rules.own: got 'tsm', expected a name that is none"),
+        (["--rules.own.tsm", "rules_beside_the_config:tenth"], "rules.own: got 'tsm', expected a name that no rule"),
         (["--rules.names", "lispsn"], "rules.names.0: got 'lispsn', expected 'ssm'"),
         (["--rules.names", "[]", "--rules.own", "{}"], "rules.names: got none"),
         (["--light.theta_deg", "[30, 20]"], "light.theta_deg: got [30, 20], expected increasing"),
         (["--light.theta_deg", "{start = 9, stop = 3, count = 4}"], "expected increasing"),
         (["--view.far", "0.5"], "view.far: got 0.5"),
-        (["--receivers.box.lower", "3"], "got [view] beside [receivers], expected a view frustum"),
+        (["--receivers.box.lower", "3"], "got [view] with [receivers], expected a view frustum"),
         (["--output.directory", "rules_beside_the_config.py"], "which is a file"),
     ],
 )

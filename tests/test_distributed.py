@@ -179,7 +179,7 @@ def test_truncated_edited_and_foreign_parts_are_computed_again(folder, monkeypat
 def test_a_merge_refuses_a_missing_block(folder):
     problem = read_config(folder / "config.toml", [], RunConfig).problem()
     store = block_files.BlockFiles(folder / "parts", problem, "cpu", {}, print)
-    with pytest.raises(solve.Incomplete, match="200 of 200 blocks are not there, the first is 0"):
+    with pytest.raises(solve.Incomplete, match="200 of 200 blocks are missing, the first is 0"):
         solve.sweep_of(problem, store, all_there=True)
 
 

@@ -115,7 +115,7 @@ def test_the_closed_form_needs_no_table(folder):
         (["export", "lambda.txt", "--to", "c"], "table: got 'lambda.txt', expected a file ending in .npz, .csv, .json"),
         (["export", "none.json", "--to", "c"], "none.json: cannot be read: No such file"),
         (["export", "half.json", "--to", "c"], "half.json: not a whole json table"),
-        (["export", "lambda.json", "--to", "c", "--metric", "q"], "metric: got 'q' beside a table"),
+        (["export", "lambda.json", "--to", "c", "--metric", "q"], "metric: got 'q' with a table"),
         (["export", "closed-form", "--to", "c", "--metric", "z"], "metric: got 'z', expected p, q, pxq"),
         (["export", "lambda.json", "--to", "c", "--prefix", "1x"], "prefix: got '1x'"),
         (["export", "lambda.json", "--to", "c", "--directory", "lambda.json"], "lambda.json: cannot be made"),

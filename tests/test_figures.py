@@ -60,7 +60,7 @@ def synthetic_sweep(views=(PAPER,), context=(), theta_deg=None, metrics=("p", "q
 
 def render(figure):
     """Draw it all; warnings are errors."""
-    with figure_style.house_style():
+    with figure_style.shared_style():
         figure.canvas.draw()
 
 

@@ -274,7 +274,7 @@ def _glb(version=2, length=None, kind=0x4E4F534A, size=None, content=b'{"asset":
     [
         (b"", "not glTF"), (b"solid cube", "not glTF"), (b"\xff\xfe{", "not glTF"), (b"[1]", "not glTF"),
         (b'{"asset": {"version": "2.0"},\n "nodes": [}', "not JSON at line 2, column 12"),
-        (b'{"a": ' + b"[" * 100_000, "without measure"), (b'{"a": ' + b"9" * 5000 + b"}", "without measure"),
+        (b'{"a": ' + b"[" * 100_000, "too deep"), (b'{"a": ' + b"9" * 5000 + b"}", "too deep"),
         (b"glTF", "got a .glb of 4 bytes"), (_glb(version=1), "a .glb of version 1, expected 2"),
         (_glb(length=10**9), "expected the 1,000,000,000 that the header promises"),
         (_glb(size=10**9), "a chunk of 1,000,000,000 bytes"),

@@ -156,8 +156,8 @@ ENDLESS = {
         WholeFrustum(),
         "camera: got far = inf with the whole frustum as receivers, expected a finite far",
     ),
-    "half-space": (ConvexBody([[0, 1, 0, 0]]), "receivers: got a body that goes on for ever in the view"),
-    "slab": (ConvexBody([[0, 1, 0, 0], [0, -1, 0, 5]]), "receivers: got a body that goes on for ever in the view"),
+    "half-space": (ConvexBody([[0, 1, 0, 0]]), "receivers: got an unbounded body in the view"),
+    "slab": (ConvexBody([[0, 1, 0, 0], [0, -1, 0, 5]]), "receivers: got an unbounded body in the view"),
     "endless box": (
         ConvexBody.box((-np.inf, 0, -np.inf), (np.inf, 3, -1)),
         "receivers: got a body that goes on for ever",

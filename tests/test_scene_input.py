@@ -192,7 +192,7 @@ BAD = {
     ),
     "planes without end": (
         toml("planes = { planes = [[0, 1, 0, 0]] }", camera=CAMERA.replace("far = ", "#")),
-        ["receivers, seen by camera.0: ", "goes on for ever"],
+        ["receivers, seen by camera.0: ", "unbounded body"],
     ),
     "pinhole without cy": (
         toml(BOX, camera="position = [0, 1, 0]\nforward = [0, 0, -1]\nnear = 1.0\nfx = 10.0\nfy = 10.0\ncx = 4.0"),
@@ -205,7 +205,7 @@ BAD = {
     "two fields of view": (toml(BOX, camera=CAMERA + "\nhalf_fov_x_deg = 20.0"), ["camera.0", "exactly one of"]),
     "measure of pixels": (
         toml("depth = { files = 'good.npy' }", more="[objective]\nmeasure = 'volume'"),
-        ["objective.measure: got 'volume' with depth", "their own weights"],
+        ["objective.measure: got 'volume' with depth", "the pixels have weights"],
     ),
     "axis of a box": (toml(BOX, more="[objective]\nmeasure = 'axis'"), ["got 'axis' with box"]),
     "light of no file": (toml(BOX, light="from_file = true"), ["light.from_file: got one without receivers.gltf"]),

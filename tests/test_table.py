@@ -11,7 +11,7 @@ from warpopt._data_files import DataFileError
 from warpopt.table.build.heights import best_heights
 from warpopt.table.build.polyline import fewest_knots
 from warpopt.table.build.slope import least_of_all
-from warpopt.table.build.tube import Tube, regret, tube
+from warpopt.table.build.tolerance_band import ToleranceBand, regret, tolerance_band
 from warpopt.table.build.verify import Ranges, verify
 
 FRUSTUM = warpopt.ViewFrustum(1.0, 100.0, np.pi / 6)
@@ -83,7 +83,7 @@ def test_a_table_over_far_near_has_few_rows():
 
 
 def test_fewest_knots_is_brute_forces_fewest():
-    """A zigzag tube that needs every knot, and a straight one that needs two; each polyline stays inside."""
+    """A zigzag tolerance band that needs every knot, and a straight one that needs two; each polyline stays inside."""
     x = np.linspace(0, 1, 41)
     for centre, width, fewest in (
         (0 * x, 0.1, 2), (np.abs(x - 0.5), 0.01, 3), (np.abs(np.abs(x - 0.5) - 0.25), 0.005, 5), (x**2, 0.02, 4)
@@ -190,7 +190,7 @@ def test_rows_share_their_kinks(wide):
 def test_a_bound_on_the_slope_costs_the_least_regret():
     """|d log(eta) / d theta| <= 3 between all neighbours, and 10 % above what any function with that slope loses.
 
-    A function with the slope passes through all tubes exactly if it does through any two: written out here again.
+    A function with the slope passes through all bands exactly if it does through any two: written out here again.
     """
     bound = 3.0
     table = build_table(FRUSTUM, max_slope=bound)
@@ -203,7 +203,7 @@ def test_a_bound_on_the_slope_costs_the_least_regret():
     theta = theta[::20]
 
     def passable(regret: float) -> bool:
-        around = tube(FRUSTUM, theta, Objective(), regret)
+        around = tolerance_band(FRUSTUM, theta, Objective(), regret)
         lower, upper = np.log(around.lower), np.minimum(np.log(around.upper), 0)
         return bool((lower[:, None] - upper <= bound * np.abs(theta[:, None] - theta)).all())
 
@@ -214,7 +214,7 @@ def test_a_bound_on_the_slope_costs_the_least_regret():
 def test_linear_programs_fit_as_least_squares_cannot():
     """Chebyshev's parabola: the best straight line errs alike at three points; a bound on the slope binds."""
     x = np.linspace(1, 2, 101)
-    around = Tube(x**2, x**2 - 0.25, x**2 + 0.25)
+    around = ToleranceBand(x**2, x**2 - 0.25, x**2 + 0.25)
     heights, depth = best_heights(np.array([1.0, 2.0]), x, around, np.inf)
     np.testing.assert_allclose(heights, [0.875, 3.875], atol=1e-9)
     assert depth == pytest.approx(0.5, abs=1e-9)
@@ -281,7 +281,7 @@ def test_edited_tables_are_refused(table, tmp_path):
     text = path.read_text()
     for old, new, words in (
         ('"metric": "p"', '"metrik": "p"', "got fields"), ('"promised": 0.001', '"promised": "x"', "no number"),
-        ('"depth_ratio": [\n  100', '"depth_ratio": [\n  -100', "no grid"),
+        ('"depth_ratio": [\n  100', '"depth_ratio": [\n  -100', "not form a grid"),
         ('"eta": [\n  ', '"eta": [\n  -', "negative"), ('"eta": [', '"eta": [\n  1.0,', "as many of each"),
         ('"theta": [\n  0.0', '"theta": [\n  9.0', "does not increase"),
         ('"max_slope": "none"', '"max_slope": "-1"', "max_slope"),

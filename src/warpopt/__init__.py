@@ -1,6 +1,6 @@
 """warpopt: optimal perspective warps for shadow maps.
 
-The names are loaded on first use, so that the command line can answer and refuse without waiting for JAX.
+The names are loaded on first use, so that the command line can print help and errors without waiting for JAX.
 """
 
 import importlib

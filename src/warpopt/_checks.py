@@ -1,4 +1,4 @@
-"""Refusing bad input in words: what was named, what was got, what was expected."""
+"""Input checks whose messages name the argument, the value and what was expected."""
 
 import contextlib
 import contextvars
@@ -21,12 +21,12 @@ def float_arrays(**named: Numbers) -> list[Array]:
     """The values as arrays of their common floating dtype, which is JAX's promotion.
 
     Raises:
-        ValueError: for text, complex numbers, or anything else that is no array of real numbers, naming it.
+        ValueError: text, complex numbers, or anything else that is not an array of real numbers.
     """
     values = {}
     for name, value in named.items():
         try:
-            # JAX takes None and the name of a dtype for a dtype.
+            # JAX accepts None and the name of a dtype as a dtype.
             plain = value is None or isinstance(value, list | tuple | str | type)
             values[name] = np.asarray(value) if plain else value
             dtype = jnp.result_type(values[name])
@@ -39,7 +39,7 @@ def float_arrays(**named: Numbers) -> list[Array]:
 
 
 def shown(value: Any) -> str:
-    """A value as it is written, or its type where that would take more than a line."""
+    """A value as text, or its type if the text is longer than a line."""
     text = repr(value)
     return text if len(text) <= 60 and "\n" not in text else type(value).__name__
 
@@ -60,7 +60,7 @@ def pair(name: str, value: Any, valid: Callable[[Any], Any], expected: str) -> t
 
 
 def instance(name: str, value: Any, kind: type) -> None:
-    """Refuse what is of another class.
+    """Refuse a value of another class.
 
     Raises:
         ValueError: naming the argument, what was got and what was expected.
@@ -71,7 +71,7 @@ def instance(name: str, value: Any, kind: type) -> None:
 
 
 def assembled(kind: type, **fields: Any) -> Any:
-    """An equinox module of the given fields, which are known to be good: nothing is checked, or compiled, again."""
+    """An equinox module with the given fields, which must be valid: nothing is checked or compiled again."""
     module = object.__new__(kind)
     for name, value in fields.items():
         object.__setattr__(module, name, value)
@@ -82,7 +82,7 @@ def joint_shape(**named: Array) -> tuple[int, ...]:
     """The shape that the arrays broadcast to.
 
     Raises:
-        ValueError: if they do not, naming each with its shape.
+        ValueError: the shapes do not broadcast; the message lists them.
     """
     try:
         return np.broadcast_shapes(*(value.shape for value in named.values()))
@@ -92,19 +92,19 @@ def joint_shape(**named: Array) -> tuple[int, ...]:
 
 
 def is_traced(*values: Any) -> bool:
-    """Whether something of the values is known only when a compiled program runs."""
+    """Whether any of the values is known only at run time of a compiled program."""
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
 
 
 _TRUSTED = contextvars.ContextVar("trusted", default=False)
-_SMALL = 1024  # entries: a comparison of its own on the device costs more than these do on the host
+_SMALL = 1024  # entries: below this a comparison on the host is cheaper than one on the device
 
 
 @contextlib.contextmanager
 def trusted() -> Iterator[None]:
-    """While it lasts, `checked` takes traced values as they are: the caller has checked what they are made of.
+    """A context in which `checked` accepts traced values unchecked: the caller has checked the inputs they come from.
 
-    A check of a traced value is a call back to the host, which no compilation cache keeps.
+    A check of a traced value is a callback to the host, which prevents caching of the compiled program.
     """
     token = _TRUSTED.set(True)
     try:
@@ -117,15 +117,15 @@ def checked(name: str, value: Any, valid: Callable[..., Any], expected: str, *ot
     """Return `value` if `valid(value, *others)` holds everywhere.
 
     Args:
-        name: of the argument.
-        value: its value.
-        valid: of arrays, JAX's or NumPy's, to where the first is good.
-        expected: in words.
-        others: that the first is compared with, of shapes that broadcast.
+        name: the argument's name.
+        value: the argument's value.
+        valid: maps arrays (JAX or NumPy) to where `value` is valid.
+        expected: the condition in words.
+        others: values to compare with, of shapes that broadcast.
 
     Raises:
-        ValueError: for a concrete value, naming the argument, the first offending entry and what was expected.
-            For a traced value the same words come from `equinox.error_if` at run time; use the returned array.
+        ValueError: for a concrete value, naming the argument, the first invalid entry and what was expected.
+            For a traced value, `equinox.error_if` raises the same message at run time; use the returned array.
     """
     arrays = value, *others
     traced = is_traced(arrays)

@@ -1,4 +1,4 @@
-"""Scalars and columns of equal length in one file: npz, csv or json, written whole, with a digest of its contents."""
+"""Files of scalars and columns of equal length: npz, csv or json, written atomically, with a digest of the contents."""
 
 import csv
 import hashlib
@@ -15,15 +15,15 @@ Columns = Mapping[str, np.ndarray]
 
 
 class DataFileError(ValueError):
-    """A file that is not what it should hold, or not whole."""
+    """A file with wrong, incomplete or unreadable contents."""
 
 
 def write_whole(path: str | Path, fields: Fields, columns: Columns) -> None:
-    """Write a file, by the path's ending; byte for byte the same for the same contents.
+    """Write a file in the format of its extension; equal contents give identical bytes.
 
     Raises:
         ValueError: an ending other than .npz, .csv and .json.
-        OSError: the file cannot be written; an earlier one is then as it was.
+        OSError: the file cannot be written; an existing one is left unchanged.
     """
     path = Path(path)
     content = encoded(path, fields, columns)
@@ -34,7 +34,7 @@ def write_whole(path: str | Path, fields: Fields, columns: Columns) -> None:
 
 
 def encoded(path: str | Path, fields: Fields, columns: Columns) -> bytes:
-    """What `write_whole` writes.
+    """The bytes that `write_whole` writes.
 
     Raises:
         ValueError: an ending other than .npz, .csv and .json.
@@ -47,14 +47,14 @@ def encoded(path: str | Path, fields: Fields, columns: Columns) -> bytes:
 
 
 def read_fields(path: Path, what: str, columns: tuple[str, ...]) -> dict:
-    """Scalars and columns by name; what a csv says is text, but for its columns.
+    """Scalars and columns by name; in csv, scalars are returned as text.
 
     Args:
-        what: the file should be, for messages.
+        what: kind of file, for messages.
         columns: their names.
 
     Raises:
-        DataFileError: a file that is missing, truncated or foreign.
+        DataFileError: a file that is missing, truncated or of another format.
     """
     readers = {".npz": _from_npz, ".json": _from_json, ".csv": lambda content: _from_csv(content, columns)}
     read = readers.get(path.suffix)
@@ -64,12 +64,12 @@ def read_fields(path: Path, what: str, columns: tuple[str, ...]) -> dict:
         return read(path.read_bytes())
     except OSError as error:
         raise DataFileError(f"{path}: cannot be read: {error.strerror}") from None
-    except Exception as error:  # whatever a damaged archive, number or nesting makes its reader raise
+    except Exception as error:  # a damaged file can make its reader raise anything
         raise DataFileError(f"{path}: not a whole {path.suffix[1:]} {what}: {error}") from None
 
 
 def digest_of(fields: Fields, columns: Columns) -> str:
-    """Of all that a file says: with it a file that was cut or edited is known."""
+    """Digest of all contents; it detects files that were cut or edited."""
     text = [f"{name}={value if isinstance(value, str) else repr(float(value))}" for name, value in fields.items()]
     text += [f"{name}={[float(v) for v in column]}" for name, column in columns.items()]
     return hashlib.sha256("\n".join(text).encode()).hexdigest()[:32]

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 
 def power(base: Float[Array, "..."], exponent: float) -> Float[Array, "..."]:
-    """base ** exponent for a static exponent: multiplications or a square root where they do, which round better."""
+    """base ** exponent for a static exponent: by multiplications or a square root if possible, which round better."""
     if exponent == int(exponent):
         return base ** int(exponent)
     if 2 * exponent == int(2 * exponent):
@@ -28,7 +28,7 @@ def larger(x: Array | float, y: Array | float) -> Float[Array, "..."]:
 
 
 def smaller(x: Array | float, y: Array | float) -> Float[Array, "..."]:
-    """min(x, y), as `larger`."""
+    """min(x, y); see `larger`."""
     return jnp.where(x < y, x, y)
 
 
@@ -36,8 +36,8 @@ def smaller(x: Array | float, y: Array | float) -> Float[Array, "..."]:
 def over(x: Float[Array, "..."], y: Float[Array, "..."]) -> Float[Array, "..."]:
     """x / y for a small y, with derivatives that stay in range.
 
-    JAX's own multiply by 1/y^2 before they multiply by x, which overflows single precision where the product is of
-    order one (x = 1e-30, y = 1e-10).
+    JAX's derivative multiplies by 1/y^2 before it multiplies by x, which overflows single precision even where the
+    product is of order one (x = 1e-30, y = 1e-10).
     """
     return x / y
 
@@ -47,7 +47,7 @@ def _over_jvp(primals, tangents):
     x, y = primals
     dx, dy = tangents
     quotient = over(x, y)
-    # In this order, so that the transpose multiplies by the quotient before it divides.
+    # This order makes the transpose multiply by the quotient before it divides.
     return quotient, dx / y - (dy / y) * quotient
 
 
@@ -60,11 +60,11 @@ def horner(coefficients: Sequence[Any], at: Float[Array, "..."]) -> Float[Array,
 
 
 def staged(function, *args):
-    """function(*args), computed once: XLA's CPU backend must not repeat it inside each of its consumers.
+    """function(*args), computed once: keeps XLA's CPU backend from repeating it inside each consumer.
 
-    That backend fuses producers into every consumer, trigonometry and table look-ups included, and drops optimisation
+    That backend fuses producers into every consumer, including trigonometry and table lookups, and drops optimisation
     barriers before it does (a million E_p L2 solves: 780 ms without stages, 285 ms with). It does not fuse across a
-    conditional, so the stage is one, on a condition that always holds but that the compiler cannot know.
+    conditional, so the stage is a conditional whose condition always holds but is unknown to the compiler.
     """
     first = jax.tree.leaves(args)[0]
     if first.size == 0 or jax.default_backend() != "cpu":

@@ -1,6 +1,6 @@
-"""What is minimised, as one static value: a metric, the order of a norm, and the measure that the norm is taken over.
+"""What is minimised, as one static value: a metric, the order of a norm, and the measure of the norm.
 
-Knows nothing of JAX, so that settings are checked before it is imported.
+Does not import JAX, so that settings can be checked before JAX is loaded.
 """
 
 import contextlib
@@ -56,7 +56,7 @@ class Metric:
         return self.alpha + self.beta
 
 
-# Every metric that has a name: the products whose maximum it is.
+# Every named metric, as the products whose maximum it is.
 METRICS: dict[str, tuple[Metric, ...]] = {
     "p": (Metric(1, 0),),
     "q": (Metric(0, 1),),
@@ -66,7 +66,7 @@ METRICS: dict[str, tuple[Metric, ...]] = {
 
 
 PRODUCTS = tuple(name for name, terms in METRICS.items() if len(terms) == 1)
-"""Of these, the ones that a view frustum takes: one product of E_p and E_q."""
+"""The metrics that a view frustum accepts: a single product of E_p and E_q."""
 
 
 @dataclasses.dataclass(frozen=True, init=False)
@@ -74,10 +74,10 @@ class Objective:
     """A norm of an aliasing error; hashable, so that a compiled solver can be specialised to it.
 
     Attributes:
-        terms: the metrics whose maximum is taken; one, but for "max".
+        terms: the metrics whose maximum is taken; a single one, except for "max".
         order: P of the norm, inf for the maximum over the receivers.
-        measure: what an L_P norm is taken over, in words (see `Measure`). Receivers that are a set (points, pixels, a
-            histogram) have weights of their own, and take none but the default.
+        measure: name of the measure of an L_P norm (see `Measure`). Receivers that are a set (points, pixels, a
+            histogram) are weighted by their weights and accept only the default.
 
     Example:
         >>> objective = Objective("pxq", "l2", "ground")
@@ -90,7 +90,7 @@ class Objective:
     measure: Measure
 
     def __init__(self, metric: str | Metric = "p", norm: str | float = "inf", measure: str = "screen"):
-        """The objective in words.
+        """The objective by names.
 
         Args:
             metric: "p", "q", "pxq", "max" (the larger of E_p and E_q, in L-inf) or `Metric(alpha, beta)`.
@@ -131,7 +131,7 @@ class Objective:
 
     @property
     def title(self) -> str:
-        """For people: "E_pxq, norm l2"."""
+        """Text for messages and figures: "E_pxq, norm l2"."""
         return f"E_{self.name}, norm {self.norm}"
 
     @property
@@ -139,7 +139,7 @@ class Objective:
         """The only term.
 
         Raises:
-            ValueError: there are several.
+            ValueError: there are several terms.
         """
         term, *others = self.terms
         if others:
@@ -152,12 +152,12 @@ class Objective:
 
     @property
     def has_alpha(self) -> bool:
-        """Whether some term grows as eta falls, so that the optimum has no floor but the dtype's."""
+        """Whether some term grows as eta falls, so that only the dtype limits eta from below."""
         return any(term.alpha for term in self.terms)
 
     @property
     def has_beta(self) -> bool:
-        """Whether the map's width matters."""
+        """Whether the error depends on the map's width."""
         return any(term.beta for term in self.terms)
 
     @property
@@ -177,7 +177,7 @@ class Objective:
 
     @property
     def no_bound_because(self) -> str | None:
-        """In words, why `lower_bound` knows none; None if it does: E_p in any norm, E_q in L-inf, and their maximum."""
+        """Why `lower_bound` has no bound, as text; None for E_p in any norm, E_q in L-inf, and their maximum."""
         for term in self.terms:
             if term.beta and (term.alpha or not self.supremum):
                 kind = "a product of E_p and E_q" if term.alpha else f"E_q in L_{self.order:g}"
@@ -185,15 +185,15 @@ class Objective:
         return None
 
     def single(self, term: Metric) -> "Objective":
-        """The same norm of one of the terms."""
+        """The same norm of one term."""
         return Objective(term, self.order, self.measure)
 
 
 def objective_or_default(objective: Objective | None) -> Objective:
-    """What every verb does with its last argument: None is E_p in L-inf.
+    """The objective, or E_p in L-inf for None.
 
     Raises:
-        ValueError: for anything else that is no `Objective`.
+        ValueError: anything else that is not an `Objective`.
     """
     if objective is None:
         return Objective()
@@ -207,7 +207,7 @@ def order_of(norm: str | float) -> float:
     """The order of a norm by its name or number.
 
     Raises:
-        ValueError: neither "inf", "l1", "l2" nor a real number >= 1, or the text of one.
+        ValueError: not "inf", "l1", "l2" or a real number >= 1 (as a number or text).
 
     Example:
         >>> order_of("l2"), order_of(3), order_of("1.5")
@@ -225,7 +225,7 @@ def order_of(norm: str | float) -> float:
 
 
 def norm_name(order: float) -> str:
-    """The name of a norm of an order, from which `order_of` makes the same order."""
+    """The name of a norm, which `order_of` maps back to the order."""
     return next((name for name, value in _ORDERS.items() if value == order), repr(float(order)))
 
 

@@ -1,4 +1,4 @@
-"""What is seen, and under which light: the first argument of every verb."""
+"""Camera, receivers and light: the first argument of the main functions."""
 
 import functools
 
@@ -20,14 +20,14 @@ from .theory.view_frustum import ViewFrustum
 
 
 class FrustumView(eqx.Module):
-    """AT09's setting: a symmetric view frustum, all of which is seen, and a light in the YZ plane.
+    """AT09's setting: a symmetric view frustum, fully visible, and a light in the YZ plane.
 
     Args:
         frustum: of any shape that broadcasts with theta.
         theta: angle between light and view direction, radians in [0, pi]; mirror-symmetric about pi/2.
 
     Raises:
-        ValueError: theta outside [0, pi] or NaN, shapes that do not broadcast, or what is no `ViewFrustum`.
+        ValueError: theta outside [0, pi] or NaN, shapes that do not broadcast, or not a `ViewFrustum`.
 
     Example:
         >>> import warpopt
@@ -46,16 +46,16 @@ class FrustumView(eqx.Module):
 
     @property
     def start(self) -> Float[Array, "..."]:
-        """Where V begins along Z_w, from the eye."""
+        """Distance from the eye at which V begins along Z_w."""
         return _extent(self)[0]
 
     @property
     def mu(self) -> Float[Array, "..."]:
-        """How far V reaches along Z_w, VN (13)."""
+        """Depth range of V along Z_w, VN (13)."""
         return _extent(self)[1]
 
 
-# Compiled: step by step, a light space's many small operations take a hundred times as long.
+# Compiled: op by op, a light space's many small operations take a hundred times as long.
 @jax.jit
 def _extent(view: FrustumView) -> tuple[Array, Array]:
     space = LightSpace(view.frustum, view.theta)
@@ -63,18 +63,19 @@ def _extent(view: FrustumView) -> tuple[Array, Array]:
 
 
 class SceneView(eqx.Module):
-    """Any camera, any light, and what is there to be seen: one of each; `jax.vmap` over more.
+    """Any camera, any light, and the receivers: one of each; use `jax.vmap` for more.
 
     Args:
-        camera, light: in world space. `compare_rules` alone takes lights with a leading axis.
-        receivers: what must be resolved: one of `warpopt.receivers`, or a kind of your own; None is everything that the
+        camera, light: in world space. Only `compare_rules` accepts lights with a leading axis.
+        receivers: one of `warpopt.receivers`, or a class derived from `Receivers`; None means everything that the
             camera could see.
-        screen: (width, height) in pixels, and
-        shadow_map: texels along (t, s), across and along the warp: errors are then pixels per texel. Without them the
-            screen has square pixels and height 2, and the map is 1 by 1, the units of AT09 (13), (14).
+        screen: (width, height) in pixels.
+        shadow_map: texels along (t, s), across and along the warp. With `screen` and `shadow_map`, errors are in
+            pixels per texel; without both, the screen has square pixels and height 2 and the map is 1 by 1, the
+            units of AT09 (13), (14).
 
     Raises:
-        ValueError: for what is no camera, light or receivers, and for resolutions that are not two positive numbers, or
+        ValueError: an argument of the wrong class, a resolution that is not two positive numbers, or
             only one of the two.
 
     Example:
@@ -105,7 +106,7 @@ class SceneView(eqx.Module):
         receivers = WholeFrustum() if receivers is None else receivers
         if not isinstance(receivers, Receivers):
             raise ValueError(
-                f"receivers: got {shown(receivers)}, expected one of warpopt.receivers, or a kind of your own that "
+                f"receivers: got {shown(receivers)}, expected one of warpopt.receivers, or a class of your own that "
                 "derives from its Receivers"
             )
         parts = camera, light, receivers, *resolutions(screen, shadow_map)
@@ -116,17 +117,17 @@ class SceneView(eqx.Module):
         return LightFrame(self.camera, self.light, self.screen, self.shadow_map)
 
     def footprint(self, objective: Objective | None = None) -> Footprint:
-        """The receivers as far as a warp needs to know them; for L-inf if no objective is given.
+        """The data of the receivers that a warp needs; for L-inf if no objective is given.
 
         Raises:
-            ValueError: an objective that the receivers do not take.
+            ValueError: an objective that the receivers do not support.
         """
         objective = objective_or_default(objective)
         one_light(self).receivers.check(self.camera, self.light, objective)
         return _footprint(self, objective)[0]
 
     def reduced(self, objective: Objective | None = None) -> "SceneView":
-        """The same view with its receivers reduced to their footprint, so that several verbs cost one pass over them.
+        """The same view with its receivers reduced to their footprint, so that several calls share one pass over them.
 
         Example:
             >>> import warpopt
@@ -143,7 +144,7 @@ class SceneView(eqx.Module):
 
 
 def _of_one_dtype(parts: PyTree) -> PyTree:
-    """The parts with their floating-point arrays in the dtype that they promote to: decided here, for every verb."""
+    """The parts with all floating-point arrays in their common promoted dtype."""
     inexact, others = eqx.partition(parts, eqx.is_inexact_array)
     dtype = jnp.result_type(*jax.tree.leaves(inexact))
     return eqx.combine(jax.tree.map(lambda leaf: leaf.astype(dtype), inexact), others)
@@ -154,7 +155,7 @@ def _footprint(view: SceneView, objective: Objective) -> tuple[Footprint, tuple[
     footprint = view.receivers.footprint(view.camera, view.frame(), objective)
     try:
         extent = view.receivers.depth_extent(view.camera)
-    except ValueError:  # a kind that has none; who needs it says so
+    except ValueError:  # this kind has none; callers that need it raise
         extent = None
     return footprint, extent
 
@@ -163,7 +164,7 @@ def one_light(view: SceneView) -> SceneView:
     """The view.
 
     Raises:
-        ValueError: it has several lights, or cameras.
+        ValueError: it has several lights or cameras.
     """
     for name, value in (("light", view.light.direction), ("camera", view.camera.position)):
         if value.ndim != 1:
@@ -172,10 +173,10 @@ def one_light(view: SceneView) -> SceneView:
 
 
 def refuse_other(view: object) -> None:
-    """Refuse what is no view.
+    """Refuse an object that is not a view.
 
     Raises:
-        ValueError: naming what was got.
+        ValueError: names the type.
     """
     if not isinstance(view, FrustumView | SceneView):
         raise ValueError(f"view: got {type(view).__name__}, expected a warpopt.FrustumView or a warpopt.SceneView")

@@ -1,4 +1,4 @@
-"""The command line: nothing but the commands, put together. None of them imports JAX before its input is good."""
+"""The command line: assembles the commands. No command imports JAX before its input is valid."""
 
 import dataclasses
 import difflib
@@ -41,7 +41,7 @@ Command = Run | Scene | Table | Compare | Export | Solve | Rules | Limit | Schem
 
 
 def parsed(arguments: list[str] | None = None) -> tuple[Command, list[str]]:
-    """The command, and the words that are left for its configuration's keys."""
+    """The command, and the remaining words, which override its configuration."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     if "--no-cache" in words:
         words.remove("--no-cache")
@@ -51,7 +51,7 @@ def parsed(arguments: list[str] | None = None) -> tuple[Command, list[str]]:
         Command,
         prog="warpopt",
         description="Optimal perspective warps for shadow maps. Compiled programs are kept in your cache folder; "
-        f"--no-cache, or {CACHE_VARIABLE}=0, keeps and takes none.",
+        f"--no-cache, or {CACHE_VARIABLE}=0, disables the cache.",
         args=words,
         return_unknown_args=True,
         config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
@@ -59,7 +59,7 @@ def parsed(arguments: list[str] | None = None) -> tuple[Command, list[str]]:
 
 
 def _refuse_unknown(words: list[str]) -> None:
-    """Refuse a first word that is no command, with the nearest one."""
+    """Refuse a first word that is not a command; suggests the nearest one."""
     names = [command.__name__.lower() for command in typing.get_args(Command)]
     if words and not words[0].startswith("-") and words[0] not in names:
         near = difflib.get_close_matches(words[0], names, 1)
@@ -70,7 +70,7 @@ def _refuse_unknown(words: list[str]) -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Entry point. Exit code 2 with a few lines on bad input, 1 if a solve failed, 130 if interrupted."""
     command, overrides = parsed(arguments)
-    # A batch system's request to end is treated as Ctrl-C: clean up, then go.
+    # A batch system's termination signal is treated as Ctrl-C: clean up, then exit.
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -80,7 +80,7 @@ def main(arguments: list[str] | None = None) -> None:
     except Failed as error:
         _exit(1, f"{error}")
     except OSError as error:
-        _exit(1, f"{error}; no result was written, an earlier one is as it was")
+        _exit(1, f"{error}; no result was written, an existing one is unchanged")
     except KeyboardInterrupt:
         _exit(130, "interrupted")
     raise SystemExit(code)

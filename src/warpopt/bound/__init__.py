@@ -1,1 +1,1 @@
-"""What no map can better."""
+"""Lower bounds for any map."""

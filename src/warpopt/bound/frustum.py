@@ -1,15 +1,15 @@
 """The lower bound over the view frustum: the least norm that any monotone map of the depth along Z_w reaches.
 
-A map s(delta) of [0, 1] onto itself gives E_p = mu / (z tan(phi) s'(delta)), so that only the receivers at each delta
-matter. L-inf: s' must be at least mu max(1/z) / (value tan(phi)) and integrates to 1, hence
+A map s(delta) of [0, 1] onto itself gives E_p = mu / (z tan(phi) s'(delta)). Only the receivers at each delta matter.
+L-inf: s' must be at least mu max(1/z) / (value tan(phi)) and integrates to 1, hence
     value = mu / tan(phi) * integral of max over the receivers at delta of 1/z.
-L_P: the integral of W(delta) s'^-P, W the density of z^-P over delta, is convex in s' and is stationary under the
-constraint where s' is in proportion to W^(1/(P+1)); by Hoelder's inequality the least value of its P-th root is
+L_P: the integral of W(delta) s'^-P, W the density of z^-P over delta, is convex in s'. Under the constraint it is
+stationary where s' is proportional to W^(1/(P+1)); by Hoelder's inequality the least value of its P-th root is
     value = mu / tan(phi) * ((integral of W^(1/(P+1)))^(P+1) / mass)^(1/P):
-(integral of sqrt W)^2 for L1, s' ~ W^(1/3) for L2. As P grows it becomes the first.
+(integral of sqrt W)^2 for L1, s' ~ W^(1/3) for L2. For P to infinity it becomes the L-inf formula.
 
-On V, the receivers at one delta are a segment of eye depths, of log length rho; W = (1/2T) times the integral of
-z^-(Q+1) along it, Q the norm's depth exponent. rho grows from 0 where delta enters V to a plateau and falls back to 0.
+On V, the receivers at one delta are a segment of eye depths with log length rho; W is (1/2T) times the integral of
+z^-(Q+1) along it, Q the norm's depth exponent. Over delta, rho grows from 0 to a plateau and falls back to 0.
 """
 
 import functools
@@ -28,7 +28,7 @@ from ..solve.chunks import in_chunks
 from ..theory.light_space import LightSpace
 from ..theory.view_frustum import ViewFrustum
 
-_NODES = 200  # of the integrals that are tabulated: to rounding for rho up to 32 and Q from -1 to 10
+_NODES = 200  # of the tabulated integrals: accurate to rounding for rho up to 32 and Q from -1 to 10
 _DEGREE = 11
 
 
@@ -42,7 +42,7 @@ def _bound_chunk(frustum: ViewFrustum, theta: Array, objective: Objective) -> Ar
     space, metric = LightSpace(frustum, theta), objective.metric
     if metric.beta:
         return power(2 * _widest_segment(space, objective.measure == "axis"), metric.beta)
-    order = objective.order * metric.alpha  # the norm of E_p^alpha is a power of one of E_p
+    order = objective.order * metric.alpha  # the norm of E_p^alpha is a power of a norm of E_p
     return power(_of_e_p(space, objective, order) / space.tan_phi, metric.alpha)
 
 
@@ -56,7 +56,7 @@ def _widest_segment(space: LightSpace, axis: bool) -> Array:
 def _of_e_p(space: LightSpace, objective: Objective, order: float) -> Array:
     """tan(phi) times the lower bound for E_p in L_order."""
     L, x = space.log_ratio, space.depth_range
-    if objective.measure == "axis":  # delta is linear in z: W is z^-P, and a gap without receivers takes no texels
+    if objective.measure == "axis":  # delta is linear in z: W is z^-P, and a gap without receivers gets no texels
         if math.isinf(order):
             return space.sin_theta * L
         part = (order + 1) * jnp.expm1(L / (order + 1))
@@ -70,14 +70,14 @@ def _of_e_p(space: LightSpace, objective: Objective, order: float) -> Array:
 class Segments:
     """The longest segments of V at one delta: rho, rho / (2 T), and whether both end planes cut them.
 
-    From the near plane to z = n e^rho where a > 0, from n to f where a < 0 or all is cut; a segment at either end of
-    V's depth range is a point.
+    From the near plane to z = n e^rho where a > 0, from n to f where a < 0 or both end planes cut; at either end of V's
+    depth range, a segment is a point.
     """
 
     def __init__(self, space: LightSpace):
         T2, a = 2 * space.slope, space.a_plus
         self.cut = T2 > space.depth_range * a
-        # rho / 2T without T: a light overhead has segments of one depth each
+        # rho / 2T without dividing by T: T = 0 for a light overhead, where each segment has one depth
         slim = log1p_over(jnp.where(self.cut, 0, T2) / jnp.where(self.cut, 1, a)) / jnp.where(self.cut, 1, a)
         self.per_slope = jnp.where(self.cut, space.log_ratio / jnp.where(self.cut, T2, 1), slim)
         self.rho = jnp.where(self.cut, space.log_ratio, slim * T2)
@@ -86,13 +86,13 @@ class Segments:
 def _root_of_density(space: LightSpace, longest: Segments, Q: float, root: float) -> Array:
     """The integral of W^root over mu delta, for n = 1.
 
-    Segments begin at the near plane (a > 0, slope a) or end at the far one (slope b, and -a where a < 0), alike on both
-    sides there.
+    Segments begin at the near plane (a > 0, slope a) or end at the far one (slope b, and -a where a < 0), in the same
+    way on both sides.
     """
     at_near, at_far = _growing(Q, root, longest.rho)
     at_far = jnp.exp((1 - Q * root) * space.log_ratio) * at_far
     sides = longest.rho / root * (space.a_plus * at_near + (space.b + space.a_minus) * at_far)
-    # The longest segments: from the lower to the upper plane, in proportion to z; or between the end planes, all alike.
+    # The longest segments: from the lower to the upper plane, proportional to z; or between the end planes, all equal.
     excess = space.depth_range * space.a_plus - 2 * space.slope
     log_length = jnp.log1p(jnp.where(longest.cut, 0, excess) / space.b)
     middle = space.b * (log_length * decay((Q * root - 1) * log_length)) + larger(-excess, 0)
@@ -100,10 +100,10 @@ def _root_of_density(space: LightSpace, longest: Segments, Q: float, root: float
 
 
 def _growing(Q: float, root: float, rho: Float[Array, "..."]) -> list[Float[Array, "..."]]:
-    """The integrals over segments from none to log length rho, growing away from the near plane, and from the far one.
+    """The integrals over segments of log length 0 to rho, growing away from the near plane, and from the far one.
 
-    Functions of rho alone: as piecewise polynomials they cost a twentieth of what 64 nodes for each problem do, and
-    less than the solve.
+    They depend only on rho: as piecewise polynomials they cost a twentieth of 64 nodes for each problem, and less than
+    the solve.
     """
     table, width = _growing_table(Q, root)
     position = jnp.where(rho < LARGEST_LOG_RATIO, rho / width, 0)

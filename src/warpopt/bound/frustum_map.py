@@ -1,4 +1,4 @@
-"""The map that attains the lower bound of E_p over one view frustum, in stretches of depth; in float64."""
+"""The map that attains the lower bound of E_p over one view frustum, as stretches of depth; in float64."""
 
 import math
 
@@ -11,7 +11,7 @@ from ..theory.light_space import LightSpace
 
 def frustum_stretches(space: LightSpace, objective: Objective, count: int) -> tuple[np.ndarray, np.ndarray]:
     """(lengths, shares of the map) of the stretches of depth between knots, from delta = 0 on; lengths over near."""
-    # notation: as in bound.frustum; q such that rho = rho_max t^q leaves no root
+    # notation: as in bound.frustum; q is such that rho = rho_max t^q removes the root
     x, T2, a, a_minus, b = (
         float(v) for v in (space.depth_range, 2 * space.slope, space.a_plus, space.a_minus, space.b)
     )
@@ -31,7 +31,7 @@ def frustum_stretches(space: LightSpace, objective: Objective, count: int) -> tu
     q, Q = (1.0, 0.0) if sup else (order + 1, objective.depth_exponent)
     root = 0.0 if sup else 1 / q
 
-    def weight(rho, shortest):  # W^root, up to a factor, of the row from log depth `shortest` on
+    def weight(rho, shortest):  # W^root, up to a factor, of the segment that starts at log depth `shortest`
         if sup:
             return np.exp(-shortest)
         y = Q * rho
@@ -39,7 +39,7 @@ def frustum_stretches(space: LightSpace, objective: Objective, count: int) -> tu
         mean = np.where(small, 1 - y / 2, -np.expm1(-y) / np.where(small, 1, y))
         return (rho * np.exp(-Q * shortest) * mean) ** root
 
-    def stretches(slope, log_z, shortest, ends, exponent):  # depths slope e^log_z, by a parameter v = ends t^exponent
+    def stretches(slope, log_z, shortest, ends, exponent):  # depths slope e^log_z, parametrised by v = ends t^exponent
         edges = ends * t**exponent
         nodes, weights = unit_nodes(12, np.float64)
         at = t[:-1, None] + np.diff(t)[:, None] * nodes

@@ -1,4 +1,4 @@
-"""The least norm that any map of the depth along Z_w reaches, perspective or not, and the map that reaches it."""
+"""The least norm of any map of the depth along Z_w, perspective or not, and the map that attains it."""
 
 import jax
 import jax.numpy as jnp
@@ -22,27 +22,28 @@ _KNOTS_OF_FRUSTUM, _KNOTS_OF_BODY = 96, 16
 def lower_bound(
     view: FrustumView | SceneView, objective: Objective | None = None, *, bins: int = BINS
 ) -> Float[Array, "..."] | float:
-    """The least norm that any reparameterisation along Z_w reaches, in `error_norm`'s units.
+    """A lower bound: the least norm of any reparameterisation along Z_w, in `error_norm`'s units.
 
-    For E_p (and its powers): any monotone map s(delta), for every norm and measure. For E_q in L-inf: any width of the
-    map for each delta that contains what is seen; over V the optimal warp attains it. For "max" it is the larger of the
-    two: the slope is one map's choice and the width another's.
+    For E_p (and its powers): any monotone map s(delta), for every norm and measure. For E_q in L-inf: any map width per
+    delta that contains the receivers; over V the optimal warp attains it. For "max": the larger of the two, as slope
+    and width can be chosen independently.
 
-    Over a `FrustumView`, closed forms, but for L_P off the axis (integrals tabulated to 1e-12; NaN beyond f/n =
+    Over a `FrustumView`: closed forms, except for L_P off the axis (integrals tabulated to 1e-12; NaN above f/n =
     7.9e13, where no L_P optimum is found either); differentiable in near, far, half_fov and theta, one-sided at
-    theta = phi and where n b = f a. On the axis E_p's is 0 for a light along the view.
+    theta = phi and where n b = f a. On the axis the bound of E_p is 0 for a light along the view.
 
-    Over a `SceneView`, a number, computed in float64. The whole frustum, bodies and histograms (a slab of the frustum
-    for each bin): exactly in L-inf, by vertices; E_p in L_P by quadrature, to 1e-12 for f/n up to 1e4 and 2e-8 for 1e12
-    (a histogram: 1e-7 while no bin spans a depth ratio above 30). Points and depth buffers: the best of the maps that
-    are linear, and of one width, within each bin of depth. Finitely many points alone would have the bound 0, with
-    every texel row at a point: the bins stand for the surfaces between them, and a warp, whose slope and width vary
-    within a bin, can be below by up to 8 % (E_q: 4 %). 0 for no receivers, or one depth.
+    Over a `SceneView`: a number, computed in float64. For the whole frustum, bodies and histograms (a slab of the
+    frustum per bin): exact in L-inf, by vertices; E_p in L_P by quadrature, to 1e-12 for f/n up to 1e4 and 2e-8 for
+    1e12 (a histogram: 1e-7 while no bin spans a depth ratio above 30). For points and depth buffers: the best map that
+    is linear, and of one width, within each bin of depth. Finitely many points would have the bound 0, with every
+    texel row
+    at a point: the bins stand for the surfaces between them. A warp, whose slope and width vary within a bin, can be up
+    to 8 % below this (E_q: 4 %). 0 for no receivers, or a single depth.
 
     Args:
         view: a `FrustumView` of any shape, or a `SceneView`.
         objective: E_p in L-inf if None.
-        bins: for points and depth buffers, how many.
+        bins: number of depth bins for points and depth buffers.
 
     Raises:
         ValueError: bad arguments, or no bound is known: E_q in L_P, a product of E_p and E_q, or receivers of a kind
@@ -80,14 +81,14 @@ def lower_bound_map(
     knots: int | None = None,
     bins: int = BINS,
 ) -> BoundMap:
-    """The map that attains `lower_bound` of E_p; in float64 whatever JAX's dtype is.
+    """The map that attains `lower_bound` of E_p; in float64 whatever JAX's dtype.
 
     Args:
         view: one frustum and one light, or a scene.
         objective: of E_p, in L-inf if None.
-        knots: over a frustum, at least so many on each of its three parts (segments of V at one depth growing, longest,
+        knots: over a frustum, the least number on each of its three parts (segments of V at one depth growing, longest,
             shrinking; 96 if None); over bodies, for each stretch between the depths of two vertices (16 if None).
-        bins: of points and depth buffers: the map is linear within each.
+        bins: for points and depth buffers: the map is linear within each bin.
 
     Raises:
         ValueError: bad arguments; no receivers, or all at one depth.
@@ -102,7 +103,7 @@ def lower_bound_map(
     refuse_other(view)
     objective = objective_or_default(objective)
     if objective.terms != (Metric(1, 0),):
-        raise ValueError(f"objective: got {objective.title}, expected E_p, whose map it is")
+        raise ValueError(f"objective: got {objective.title}, expected E_p")
     if knots is not None and (isinstance(knots, bool) or not isinstance(knots, int) or knots < 2):
         raise ValueError(f"knots: got {knots!r}, expected an integer >= 2, or None")
     if isinstance(view, FrustumView):
@@ -152,7 +153,7 @@ def _over_frustum(view: FrustumView, objective: Objective, knots: int) -> BoundM
     )
 
 
-# Compiled: step by step, its many small operations take a hundred times as long.
+# Compiled: op by op, its many small operations take a hundred times as long.
 @jax.jit
 def _frame(view: SceneView) -> LightFrame:
     return view.frame()

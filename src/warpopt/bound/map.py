@@ -1,4 +1,4 @@
-"""The best map of the depth itself, as a table: what the lower bound is attained by."""
+"""The best map of the depth as a table: the map that attains the lower bound."""
 
 import importlib.metadata
 from pathlib import Path
@@ -19,19 +19,19 @@ _COLUMNS = ("delta", "s")
 
 
 class BoundMap(eqx.Module):
-    """s(delta): where the best monotone map puts each depth along Z_w; both run from 0 to 1. See `warpopt.lower_bound`.
+    """s(delta): the best monotone map of the depth along Z_w; both run from 0 to 1. See `warpopt.lower_bound`.
 
     E_p at eye depth z and delta = (Z_w . c - start) / mu is density mu / z over the slope ds/d delta there.
 
     Attributes:
         delta, s: (N,) knots; delta increases from 0 to 1, s does not decrease.
-        value: the norm of the exact map, the lower bound. The straight lines between the knots are within a few per
-            cent of it in L-inf, and much less in L_P; of points and depth buffers, whose bins they are, they are exact.
+        value: the norm of the exact map, the lower bound. Linear interpolation between the knots is within a few per
+            cent of it in L-inf, much closer in L_P, and exact for points and depth buffers, as the knots are the bins.
         start, mu: of the receivers along Z_w, in world units from the eye.
         density: screen units per unit slope along the warp over texels along it; 1 / tan(half_fov) of a view frustum.
         near, far, theta: of the view and the light, as given; theta in radians.
         order: of the norm of E_p; inf for L-inf.
-        measure: of the norm; "receivers" where each counts by its own weight.
+        measure: of the norm; "receivers" if weighted by the receivers' weights.
 
     Example:
         >>> import warpopt
@@ -54,28 +54,28 @@ class BoundMap(eqx.Module):
     measure: str = eqx.field(static=True)
 
     def __call__(self, delta: ArrayLike) -> NDArray | np.floating:
-        """s at any delta in [0, 1], by straight lines between knots."""
+        """s at any delta in [0, 1], by linear interpolation."""
         return np.interp(np.asarray(delta, float), self.delta, self.s)
 
     def save(self, path: str | Path) -> None:
-        """Write it as .npz, .csv or .json, by the path's ending: whole or not at all, equal files for equal maps.
+        """Write it as .npz, .csv or .json, by the file extension; atomic, and equal maps give equal files.
 
         Raises:
             ValueError: another ending.
-            OSError: the file cannot be written; an earlier one is then as it was.
+            OSError: the file cannot be written; an existing one is left unchanged.
         """
         write_whole(path, _fields(self), _columns(self))
 
     def encoded(self, path: str | Path) -> bytes:
-        """What `save` writes to the path; raises as it does for the ending."""
+        """The bytes that `save` writes to the path; raises the same for the extension."""
         return encoded(path, _fields(self), _columns(self))
 
     @staticmethod
     def load(path: str | Path) -> "BoundMap":
-        """Read it back.
+        """Read a map from a file.
 
         Raises:
-            DataFileError (a ValueError): a file that is missing, truncated, edited or foreign.
+            DataFileError (a ValueError): a file that is missing, truncated, edited or of another format.
         """
         path = Path(path)
         fields = read_fields(path, "map", _COLUMNS)
@@ -96,7 +96,7 @@ def _columns(best: BoundMap) -> dict[str, np.ndarray]:
 
 
 def _checked(fields: dict) -> BoundMap:
-    """The map of a file's fields; ValueErrors say what is wrong with them."""
+    """The map of a file's fields; a ValueError names the defect."""
     if fields.get("format") != FORMAT:
         raise ValueError(f"got format {fields.get('format')!r}, expected {FORMAT!r}")
     expected = {"format", "digest", *_TEXT, *_NUMBERS, *_COLUMNS}
@@ -107,7 +107,7 @@ def _checked(fields: dict) -> BoundMap:
         numbers = {name: float(fields[name]) for name in _NUMBERS}
         order, measure = order_of(str(fields["norm"])), str(fields["measure"])
     except (TypeError, ValueError, OverflowError):
-        raise ValueError("got a field that is no number, expected numbers") from None
+        raise ValueError("got a field that is not a number, expected numbers") from None
     shapes = {column.shape for column in columns.values()}
     rising = len(shapes) == 1 and all(c.ndim == 1 and len(c) > 1 and (np.diff(c) >= 0).all() for c in columns.values())
     rising = rising and (np.diff(columns["delta"]) > 0).all()
@@ -115,12 +115,12 @@ def _checked(fields: dict) -> BoundMap:
         raise ValueError("got knots that do not run from 0 to 1, expected delta and s that both do")
     own = {"format": FORMAT} | {name: str(fields[name]) for name in _TEXT} | numbers
     if fields["digest"] != digest_of(own, columns):
-        raise ValueError("got contents that its digest does not fit, expected a map as it was written")
+        raise ValueError("got contents that do not match the digest, expected an unedited map")
     return BoundMap(columns["delta"], columns["s"], **numbers, order=order, measure=measure)
 
 
 def running(lengths: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(delta, s) at the ends of stretches, delta rising: a stretch within rounding of no length is its neighbour's."""
+    """(delta, s) at the ends of stretches, delta increasing; stretches of length 0 up to rounding join a neighbour."""
     delta, s = (np.concatenate([[0.0], np.minimum(np.cumsum(v) / v.sum(), 1.0)]) for v in (lengths, shares))
     delta[-1] = s[-1] = 1.0
     tiny = 4 * np.finfo(float).eps

@@ -1,1 +1,1 @@
-"""Rules for lambda beside the optimum and the lower bound."""
+"""Comparison of rules for lambda with the optimum and the lower bound."""

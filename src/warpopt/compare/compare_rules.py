@@ -1,4 +1,4 @@
-"""Rules for lambda beside the optimum and the lower bound: one verb for frusta and scenes."""
+"""Compares rules for lambda with the optimum and the lower bound, for frusta and scenes."""
 
 from ..objective import Objective, objective_or_default
 from ..views import FrustumView, SceneView, refuse_other
@@ -15,29 +15,29 @@ def compare_rules(
     *,
     min_eta: float = 1e-4,
 ) -> Comparison:
-    """Rules for lambda beside the optimum and the lower bound, for each of several directions of the light.
+    """Compare rules for lambda with the optimum and the lower bound, for several light directions.
 
-    Over a scene, warpopt's own rules are applied as their sources apply them, to the receivers (`rules.Body`): n and f
-    are the nearest and farthest eye depth (or the camera's own planes, where a source takes those), y_min and d the
-    start and length of their extent along Z_w, half_fov that of the frustum with the camera's window along the warp. A
-    rule of the user's, and `tsm_alternative`, whose focus region is a part of V, are given V as (frustum, theta), and
-    their apex is kept (`Warp.over`); not defined where it is not before the receivers.
+    Over a scene, warpopt's rules are applied to the receivers as in their sources (`rules.Body`): n and f are the
+    nearest and farthest eye depth (or the camera's near and far plane, where a source uses those), y_min and d the
+    start and length of their extent along Z_w, half_fov that of the frustum with the camera's window along the warp.
+    User rules, and `tsm_alternative`, whose focus region is a part of V, receive V as (frustum, theta), and their apex
+    is kept (`Warp.over`); they are undefined where it is not before the receivers.
 
     Args:
         view: a `FrustumView` of one frustum and (T,) increasing angles; or a `SceneView` whose light has a leading
             axis, as `jax.vmap(DirectionalLight)` makes it from (T, 3): directions in any order.
-        rules: a name of `warpopt.rules.PUBLISHED` or `ENGINES`, a callable (frustum, theta) -> Warp, a list of these,
-            or a dict that gives them names; every published and engine rule if None. A callable is given theta of shape
-            (T,), or, if it raises a TypeError or a ValueError at that, one angle at a time, which is slower.
+        rules: a name in `warpopt.rules.PUBLISHED` or `ENGINES`, a callable (frustum, theta) -> Warp, a list of these,
+            or a dict that names them; every published and engine rule if None. A callable receives theta of shape
+            (T,), or, if that raises a TypeError or a ValueError, one angle at a time, which is slower.
         objective: E_p in L-inf if None.
         min_eta: as in `optimal_warp`.
 
     Raises:
         ValueError: bad arguments; a rule that is unknown, raises, or returns no `Warp` of theta's shape with eta in
-            (0, 1] (`RuleError`). Failed solves are told by `solution.result`.
+            (0, 1] (`RuleError`). `solution.result` reports failed solves.
 
-    The bound is None where none is known (`no_bound_because`); that of a depth buffer or of points is one over bins of
-    depth, which a warp can be up to 8 % below. Over a scene `regions` and `peaks` are None.
+    The bound is None where none is known (`no_bound_because`). For depth buffers and points it is over bins of depth,
+    and a warp can be up to 8 % below it. Over a scene `regions` and `peaks` are None.
 
     Example:
         >>> import math, jax, warpopt

@@ -1,4 +1,4 @@
-"""Rules beside the optimum and the lower bound, as arrays."""
+"""The comparison of rules with the optimum and the lower bound, as arrays."""
 
 import dataclasses
 from typing import Literal, NamedTuple
@@ -16,13 +16,13 @@ Over = Literal["optimum", "bound", "no_warp"]
 
 
 class Worst(NamedTuple):
-    """Where a rule loses most.
+    """Where a rule's error is largest.
 
     Attributes:
-        ratio: value over optimum, lower bound, or no warp's; inf if it grows without bound towards theta, NaN if
-            nowhere defined.
+        ratio: value over optimum, lower bound, or the norm without a warp; inf if it grows without bound towards theta,
+            NaN if defined nowhere.
         theta: angle between light and view, radians.
-        nearest: index of the direction nearest to it among `Comparison.theta`; -1 if nowhere.
+        nearest: index of the nearest direction in `Comparison.theta`; -1 if defined nowhere.
     """
 
     ratio: float
@@ -32,24 +32,24 @@ class Worst(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Comparison:
-    """Rules beside the optimum: R rules, T light directions.
+    """Rules compared with the optimum: R rules, T light directions.
 
     Attributes:
-        names: of the rules.
+        names: the rules' names.
         theta: (T,) angle between light and view, radians.
         solution: the optima, (T,).
         bound: (T,) the least norm that any map of the depth reaches; None where no lower bound is known.
-        no_bound_because: in words, why there is none; None if there is.
-        eta: (R, T) of each rule's warp; 1 where it gives no warp, or is not defined.
+        no_bound_because: why there is no bound, as text; None if there is one.
+        eta: (R, T) of each rule's warp; 1 where it gives no warp, or is undefined.
         defined: (R, T) False where a rule yields no lambda > 0.
-        values: (R, T) each rule's norm; NaN where it is not defined, or the optimum failed.
+        values: (R, T) each rule's norm; NaN where it is undefined, or the optimum failed.
         unwarped: (T,) the norm without a warp.
-        regions: for directions in order, {"worse", "no_warp", "undefined"}: for each rule the intervals of theta
-            (radians, ends bisected) in which it is worse than no warp, gives no warp, or is not defined. None where
-            the directions are those of a list.
-        peaks: for directions in order, {"optimum", "bound", "no_warp"}: for each rule (the largest of its norm over
-            the optimum, the lower bound and no warp's, where), found between the directions too; see `worst`. None
-            for a list.
+        regions: for ordered directions, {"worse", "no_warp", "undefined"}: for each rule, the intervals of theta
+            (radians, ends bisected) in which it is worse than no warp, gives no warp, or is undefined. None for an
+            unordered list of directions.
+        peaks: for ordered directions, {"optimum", "bound", "no_warp"}: for each rule (the largest ratio of its norm to
+            the optimum, the lower bound and the norm without a warp, and its theta), also searched between the
+            directions; see `worst`. None for an unordered list.
 
     Example:
         >>> import math, warpopt
@@ -84,7 +84,7 @@ class Comparison:
 
     @property
     def optimum_over_bound(self) -> NDArray:
-        """(T,) optimum / lower bound, at least 1 but for maps over bins; NaN where no bound is known."""
+        """(T,) optimum / lower bound, at least 1 except for bounds over bins; NaN where no bound is known."""
         value = np.asarray(self.solution.value)
         return np.full_like(value, np.nan) if self.bound is None else quotient(value, self.bound)
 
@@ -109,11 +109,11 @@ class Comparison:
         return failed_on_host(self.solution.result)
 
     def worst(self, name: str, over: Over = "optimum") -> Worst:
-        """The largest value / optimum, value / bound or value / no warp's, where the rule is defined.
+        """The largest value / optimum, value / bound or value / norm without a warp, where the rule is defined.
 
-        Of directions in order between them as well: kinks, jumps and poles are found to about 1e-10 of a step if a
-        direction beside them has the largest ratio, or if they are where the rule begins or ends to be defined. Of
-        places that are alike to rounding the first.
+        Ordered directions are also searched between: kinks, jumps and poles are found to about 1e-10 of a step if an
+        adjacent direction has the largest ratio, or if they are where the rule's domain begins or ends. Of ratios
+        equal up to rounding, the first counts.
         """
         every = {"optimum": self.ratio, "bound": self.over_bound, "no_warp": self.over_no_warp}
         for what, got, known in (("name", name, self.names), ("over", over, tuple(every))):
@@ -130,9 +130,9 @@ class Comparison:
         return Worst(peak, theta, int(np.abs(self.theta - theta).argmin()))
 
     def mean(self, name: str) -> float:
-        """The mean of value / optimum over theta (trapezia; over the list, if it is one) where the rule is defined.
+        """The mean of value / optimum over theta (trapezoidal; over the list, if unordered) where the rule is defined.
 
-        NaN where the ratio is unbounded: the directions given would decide it.
+        NaN where the ratio is unbounded: the mean would depend on the choice of directions.
         """
         if np.isinf(self.worst(name).ratio):
             return float("nan")
@@ -145,29 +145,29 @@ class Comparison:
         return float((weights * np.nan_to_num(ratio)).sum() / weights[there].sum()) if there.any() else float("nan")
 
     def complete(self, name: str) -> bool:
-        """Whether the rule is defined in every direction given and bounded between them: the ranking has it."""
+        """Whether the rule is defined in every direction and bounded between them; only then is it in the ranking."""
         return bool(self.defined[self.names.index(name)].all()) and not np.isinf(self.worst(name).ratio)
 
     def ranking(self) -> list[str]:
-        """The rules that are `complete`, the least mean first."""
+        """The rules that are `complete`, smallest mean first."""
         return sorted(filter(self.complete, self.names), key=self._losses)
 
     def order(self) -> list[str]:
-        """All rules: the ranking, then those that are not `complete`, the least mean first."""
+        """All rules: the ranking, then those that are not `complete`, smallest mean first."""
         ranking = self.ranking()
         return [*ranking, *sorted((name for name in self.names if name not in ranking), key=self._losses)]
 
     def _losses(self, name: str) -> tuple[float, float]:
-        """(mean, worst), inf for what has none."""
+        """(mean, worst), inf if missing."""
         return tuple(np.nan_to_num((self.mean(name), self.worst(name).ratio), nan=np.inf).tolist())
 
 
 def worse_than(values: NDArray, unwarped: NDArray) -> NDArray:
-    """Norms are within a few hundred eps of exact (moments of extreme frusta included): less apart is equal."""
+    """Whether norms exceed those without a warp by more than a few hundred eps, their error for extreme frusta."""
     return values > unwarped * (1 + 1e3 * np.finfo(values.dtype).eps)
 
 
 def quotient(values: NDArray, over: ArrayLike) -> NDArray:
-    """values / over; NaN where there is nothing to compare with (an empty scene, receivers at one depth)."""
+    """values / over; NaN for a zero norm (an empty scene, receivers at one depth)."""
     over = np.asarray(over)
     return np.where(over > 0, values / np.where(over > 0, over, 1), np.nan)

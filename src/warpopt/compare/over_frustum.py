@@ -1,4 +1,4 @@
-"""Every rule beside the optimum and the lower bound, over the light directions of one view frustum."""
+"""Compares rules with the optimum and the lower bound, over the light directions of one view frustum."""
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ from .rule_set import Rule, warps_of
 
 
 def compare_over_frustum(view: FrustumView, rules: dict[str, Rule], objective: Objective) -> Comparison:
-    """The comparison, with regions and peaks between the directions given.
+    """The comparison, with regions and peaks between the given directions.
 
     Raises:
         ValueError: several frusta, or directions that do not increase.

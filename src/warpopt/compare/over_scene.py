@@ -1,4 +1,4 @@
-"""Every rule beside the optimum and the lower bound, over the receivers of a scene."""
+"""Compares rules with the optimum and the lower bound, over the receivers of a scene."""
 
 import functools
 
@@ -33,7 +33,7 @@ def compare_over_scene(view: SceneView, rules: dict[str, Rule], objective: Objec
     """The comparison for every light of a view whose light has a leading axis.
 
     Raises:
-        ValueError: a light without it, or what the scene cannot be solved for.
+        ValueError: a light without this axis, or a scene that cannot be solved.
     """
     if view.light.direction.ndim != 2 or not len(view.light.direction):
         raise ValueError(
@@ -43,12 +43,12 @@ def compare_over_scene(view: SceneView, rules: dict[str, Rule], objective: Objec
     count = len(view.light.direction)
     refuse_scene(_one_of(view, 0), objective)
     lights = jax.tree.map(np.asarray, view.light)
-    for k in range(count):  # receivers may be one light's own
+    for k in range(count):  # receivers may accept only some lights
         view.receivers.check(view.camera, jax.tree.map(lambda v, k=k: v[k], lights), objective)
     by_body = tuple(name for name, rule in rules.items() if takes_body(name, rule))
     by_apex = {name: rule for name, rule in rules.items() if name not in by_body}
     whole = _frusta(view)
-    # One light at a time: a user's rule may want a frustum of numbers.
+    # One light at a time: a user's rule may require scalars.
     given = [warps_over(by_apex, jax.tree.map(lambda v, k=k: v[k], whole)) for k in range(count)] if by_apex else None
     apexes = None if given is None else stacked(given)
     solution, eta, defined, values = _over_lights(view, whole, apexes, by_body, objective, checked_min_eta(min_eta))
@@ -69,7 +69,7 @@ def _one_of(view: SceneView, k: int) -> SceneView:
 def _frusta(view: SceneView) -> FrustumView:
     """For each light AT09's frustum with the window's extent along the warp, under the light's angle.
 
-    Without a far plane it ends at the farthest receiver.
+    Without a far plane, it ends at the farthest receiver.
     """
     far = _far(view)
 
@@ -97,7 +97,7 @@ def _over_lights(
         solution = solve_scene(eqx.tree_at(lambda v: v.light, view, light), objective, min_eta)
         footprint = solution.footprint
         body = _body(view, footprint, frustum.half_fov)
-        with trusted():  # of a solution
+        with trusted():  # values of a solution need no check
             warps = [KNOWN[name](body, jnp.clip(solution.frame.theta, 0, jnp.pi)) for name in names]
         eta, defined = [warp.eta for warp in warps], [warp.defined for warp in warps]
         if given is not None:
@@ -113,7 +113,7 @@ def _over_lights(
 
 
 def _body(view: SceneView, footprint: Footprint | Extent, half_fov: Array) -> Body:
-    """What the rules are told of the receivers; of none, the frustum's depths."""
+    """The body that rules receive; without receivers, its depths are the frustum's."""
     extent, planes = view.receivers.depth_extent(view.camera), (view.camera.near, _far(view))
     there = extent[0] <= extent[1]
     near, far = (jnp.where(there, v, end) for v, end in zip(extent, planes, strict=True))
@@ -121,18 +121,18 @@ def _body(view: SceneView, footprint: Footprint | Extent, half_fov: Array) -> Bo
 
 
 def _far(view: SceneView) -> Array:
-    """The camera's far plane, or without one the farthest receiver."""
+    """The camera's far plane, or the farthest receiver if there is none."""
     near, far = view.camera.near, view.camera.far
     farthest = view.receivers.depth_extent(view.camera)[1]
     return jnp.where(far < jnp.inf, far, jnp.where(farthest > near, farthest, 2 * near))
 
 
 def _bounds(view: SceneView, objective: Objective) -> tuple[NDArray | None, str | None]:
-    """(each light's lower bound, or None and why not in words)."""
+    """(each light's lower bound, or None and the reason as text)."""
     if objective.no_bound_because:
         return None, objective.no_bound_because
     try:
         bounds = [lower_bound(_one_of(view, k), objective) for k in range(len(view.light.direction))]
-    except ValueError as error:  # receivers that have no profile: all else was checked before
+    except ValueError as error:  # receivers without a profile; all other errors were checked before
         return None, f"No lower bound is known: {error}."
     return np.array(bounds), None

@@ -1,4 +1,4 @@
-"""Where along theta something is largest, finer than the directions that were looked at."""
+"""Finds the maximum along theta, finer than the given directions."""
 
 from collections.abc import Callable
 
@@ -7,25 +7,25 @@ from numpy.typing import NDArray
 
 from .regions import at_points
 
-_OFFSETS = np.array([-2, -1, 1, 2]) / 3  # of the bracket's halves: each round leaves a third of them
-_ROUNDS = 21  # at most: 1e-10 of a step is left
-_ROUNDING = 64  # eps of a radian: brackets are not made smaller
-_LAST, _UNBOUNDED = 6, 10.0  # that growth in the last rounds, 3^6 of the bracket: of a pole, even of one's square root
+_OFFSETS = np.array([-2, -1, 1, 2]) / 3  # of the bracket's halves: each round reduces it to a third
+_ROUNDS = 21  # at most; reduces a bracket to 1e-10 of a step
+_ROUNDING = 64  # eps of a radian: the least bracket
+_LAST, _UNBOUNDED = 6, 10.0  # growth in the last rounds (3^6 of the bracket) that indicates a pole or its root
 _FLAT = 1e4  # eps: less is rounding
 
 Peak = tuple[float, float]
 
 
 def peaks(theta: NDArray, values: NDArray, at: Callable[[NDArray], NDArray]) -> list[Peak]:
-    """(the largest value of each row, where it is): inf where the row grows without bound towards that place.
+    """(the largest value of each row, where it is): inf where the row grows without bound towards that point.
 
-    Searched between the neighbours of the largest value given, and up to wherever a row begins or ends to be defined; a
-    peak between two other directions is not seen. Kinks and jumps do no harm: a bracket closes around its best point.
+    Searched between the neighbours of the largest given value, and up to wherever a row's domain begins or ends; a peak
+    between two other directions is missed. Kinks and jumps are safe: a bracket closes around its best point.
 
     Args:
         theta: (T,) increasing.
-        values: (M, T) at theta; NaN where a row is not defined.
-        at: gives the same for other directions, always T of them.
+        values: (M, T) at theta; NaN where a row is undefined.
+        at: gives `values` at other directions, always T of them.
 
     Returns:
         M pairs; NaN twice for a row that is defined nowhere.
@@ -38,7 +38,7 @@ def peaks(theta: NDArray, values: NDArray, at: Callable[[NDArray], NDArray]) -> 
     for _ in range(min(_ROUNDS, _rounds(theta, _ROUNDING * eps))):
         points = np.stack([centre + (left if k < 0 else right) * k for k in _OFFSETS])
         found = at_points(at, np.tile(which, len(_OFFSETS)), points.ravel(), len(theta)).reshape(points.shape)
-        # to the best point, or as far to the side as the row is defined
+        # to the best point, or to the end of the row's domain
         score = np.where(side == 0, found / best - 1 - _FLAT * eps, side * _OFFSETS[:, None])
         score = np.where(np.isnan(found), -np.inf, score)
         winner, column = score.argmax(0), np.arange(len(which))
@@ -59,9 +59,9 @@ def peaks(theta: NDArray, values: NDArray, at: Callable[[NDArray], NDArray]) -> 
 
 
 def first_largest(values: NDArray) -> NDArray | np.integer:
-    """The index of the largest value along the last axis, of several alike to rounding (a plateau) the first.
+    """The index of the largest value along the last axis, the first of values equal up to rounding (a plateau).
 
-    NaN does not count; a row of nothing else has none.
+    NaN is ignored; a row of only NaN has no largest value.
     """
     largest = np.nanmax(values, -1, keepdims=True)
     return (values >= largest * (1 - _FLAT * np.finfo(values.dtype).eps)).argmax(-1)
@@ -73,7 +73,7 @@ def _rounds(theta: NDArray, least: float) -> int:
 
 
 def _starts(values: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """(row, index, side) of each bracket: the largest value (0), and those with none to the left (-1) or right (1)."""
+    """(row, index, side) of each bracket: the largest value (0), or a left (-1) or right (1) end of the domain."""
     defined = ~np.isnan(values)
     largest, first, last = np.zeros((3, *values.shape), bool)
     rows = np.flatnonzero(defined.any(1))

@@ -1,4 +1,4 @@
-"""Where along theta something holds, with ends finer than the directions that were looked at."""
+"""The intervals of theta in which a condition holds, with ends finer than the given directions."""
 
 from collections.abc import Callable
 
@@ -15,12 +15,13 @@ def regions(
 ) -> list[tuple[Interval, ...]]:
     """The intervals of theta in which each of several conditions holds.
 
-    Each change between neighbouring directions is bisected. What begins and ends between two neighbours is not seen.
+    Each change between neighbouring directions is bisected. An interval that begins and ends between two neighbours is
+    missed.
 
     Args:
         theta: (T,) increasing.
         holds: (M, T): each condition at theta.
-        at: gives the same for other directions, always T of them.
+        at: gives `holds` at other directions, always T of them.
     """
     which, left = np.nonzero(holds[:, 1:] != holds[:, :-1])
     low, high = theta[left], theta[left + 1]
@@ -34,7 +35,7 @@ def regions(
 
 
 def at_points(at: Callable[[NDArray], NDArray], rows: NDArray, points: NDArray, count: int) -> NDArray:
-    """Row r of `at` at p, for each pair (r, p), in calls of `count` points: one shape, compiled already."""
+    """Row r of `at` at p, for each pair (r, p), in calls of `count` points, a shape that is already compiled."""
     found = []
     for start in range(0, len(points), count):
         part = slice(start, start + count)

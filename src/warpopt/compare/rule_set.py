@@ -1,4 +1,4 @@
-"""Which rules are compared: by name, any callable (frustum, theta) -> Warp, or both, checked where they are called."""
+"""The rules to compare: by name, any callable (frustum, theta) -> Warp, or both; results are checked at each call."""
 
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,17 +17,17 @@ from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
 from ..views import FrustumView
 
-Rule = Callable[[Any, Float[Array, "..."]], Warp]  # of a view frustum; warpopt's own of a `Body` too
+Rule = Callable[[Any, Float[Array, "..."]], Warp]  # takes a view frustum; warpopt's rules also take a `Body`
 Rules = None | str | Rule | Sequence[str | Rule] | Mapping[str, str | Rule]
 KNOWN: dict[str, Rule] = {name: rule.function for name, rule in registry.EVERY.items()}
 
 
 class RuleError(ValueError):
-    """A rule that is none, or that does not answer as one."""
+    """An invalid rule, or a rule with an invalid result."""
 
 
 def rule_set(rules: Rules) -> dict[str, Rule]:
-    """The rules by their names; None is every rule of `rules.PUBLISHED` and `rules.ENGINES`.
+    """The rules by name; None means every rule of `rules.PUBLISHED` and `rules.ENGINES`.
 
     Raises:
         RuleError: an unknown name, something that cannot be called, a name twice, or no rule.
@@ -70,18 +70,18 @@ def _rule(rule: str | Rule) -> Rule:
 
 
 def takes_body(name: str, rule: Rule) -> bool:
-    """Whether a rule is one of warpopt's that may be given a `Body` in the place of a frustum."""
+    """Whether a rule is one of warpopt's that accept a `Body` instead of a frustum."""
     return KNOWN.get(name) is rule and registry.EVERY[name].takes_body
 
 
 def warps_of(rules: Mapping[str, Rule], view: FrustumView) -> tuple[list[Array], list[Array]]:
     """(each rule's eta over V, where it is defined), over all directions.
 
-    warpopt's own rules are one compiled call. Others are called as they are, on concrete arrays, so that they may
-    branch, print, or use NumPy; those that an array is too much for (`math.sin`, an `if`), with one angle at a time.
+    warpopt's rules are one compiled call. Other rules are called uncompiled, on concrete arrays, so that they may
+    branch, print, or use NumPy; those that do not accept an array (`math.sin`, an `if`) with one angle at a time.
 
     Raises:
-        RuleError: a rule that raises, returns no `Warp`, one of another shape than theta's, or an eta that is none.
+        RuleError: a rule that raises, returns no `Warp`, one whose shape is not theta's, or an invalid eta.
     """
     own = tuple(name for name, rule in rules.items() if KNOWN.get(name) is rule)
     compiled = dict(zip(own, in_blocks(_own, (view,), own), strict=True))
@@ -96,7 +96,7 @@ def warps_of(rules: Mapping[str, Rule], view: FrustumView) -> tuple[list[Array],
 
 
 def warps_over(rules: Mapping[str, Rule], view: FrustumView) -> Warp:
-    """The warps (rules,) of rules that are given V, for one direction; raises as `warps_of`."""
+    """The warps (rules,) of rules over V, for one direction; raises as `warps_of`."""
     every = eqx.tree_at(lambda v: v.theta, view, view.theta[None])
     return stacked([jax.tree.map(lambda v: jnp.asarray(v)[0], _called(*rule, every)) for rule in rules.items()])
 
@@ -112,20 +112,20 @@ def _own(view: FrustumView, names: tuple[str, ...]) -> list[tuple[Array, Array]]
 
 
 def _own_chunk(view: FrustumView, names: tuple[str, ...]) -> list[tuple[Array, Array]]:
-    with trusted():  # the view's
+    with trusted():  # the view is checked
         warps = [KNOWN[name](view.frustum, view.theta) for name in names]
     return [(warp.eta, warp.defined) for warp in warps]
 
 
 def _called(name: str, rule: Rule, view: FrustumView) -> Warp:
-    """The rule's warp, of theta's shape; no warp where it is not defined."""
+    """The rule's warp, of theta's shape; eta = 1 where it is undefined."""
     try:
         return _checked(name, rule, view.frustum, view.theta)
     except RuleError as error:
-        # what Python says of an array where it wants a number, and NumPy and JAX where it wants a truth value
+        # raised by Python for an array instead of a number, by NumPy and JAX for an array as a truth value
         if not isinstance(error.__cause__, TypeError | ValueError):
             raise
-    distinct, places = np.unique(np.asarray(view.theta), return_inverse=True)  # `at_points` repeats one to fill up
+    distinct, places = np.unique(np.asarray(view.theta), return_inverse=True)  # `at_points` pads by repetition
     each = stacked([_checked(name, rule, view.frustum, jnp.asarray(one)) for one in distinct])
     return jax.tree.map(lambda v: v[places], each)
 
@@ -133,7 +133,7 @@ def _called(name: str, rule: Rule, view: FrustumView) -> Warp:
 def _checked(name: str, rule: Rule, frustum: ViewFrustum, theta: Array) -> Warp:
     try:
         warp = rule(frustum, theta)
-    except Exception as error:  # whatever a stranger's function may raise
+    except Exception as error:  # a user's function may raise anything
         words = f"{type(error).__name__}: {error}".splitlines()[0]
         raise RuleError(
             f"rule {name}: it raised {words}; expected a function of arrays, called with theta of shape {theta.shape}"

@@ -1,7 +1,7 @@
-"""The exact L-inf optimum over the whole frustum as code: no table, any frustum, theta's whole range.
+"""Code for the exact L-inf optimum over the whole frustum: no table, any frustum, any theta.
 
-`solve.closed_form` in single precision, its terms simplified for each metric. All give lambda/mu, which grows from 0 to
-the largest float, no warp; eta and lambda follow without a difference.
+`solve.closed_form` in single precision, with terms simplified for each metric. All compute lambda/mu, from 0 to the
+largest float (no warp); eta and lambda follow without a difference.
 """
 
 from typing import Literal, get_args
@@ -32,7 +32,7 @@ if (z_near > 0.0f && z_far > z_near && half_fov > 0.0f && half_fov < $HALF_PI) {
     if (a > 0.0f) { up = a; }
     float mu = x * up + 2.0f * (1.0f + x) * t;
 """
-# The larger of root, g/h, and tie; without a warp where the lower near corner lies deeper than half of mu.
+# The larger of root, g/h, and tie; no warp where the lower near corner lies deeper than half of mu.
 _P = """
     float down = up - a;
     float g = x * down + 2.0f * t;
@@ -103,14 +103,14 @@ def closed_form_source(metric: str, language: Language, prefix: str = "warpopt")
     """The whole file: `warpopt_lambda_over_mu`, `warpopt_eta` and `warpopt_lambda` of (theta, z_near, z_far, half_fov).
 
     Optimal for the largest E_p, E_q or E_pxq over the view frustum (derived for this project; `solve.closed_form`).
-    NaN, and what is no frustum, give no warp.
+    NaN, and inputs that are not a frustum, give no warp (eta = 1).
 
     Args:
         language: one of `languages.LANGUAGES`.
-        prefix: of all names that the file defines.
+        prefix: prefix of all names in the file.
 
     Raises:
-        ValueError: another metric, or a prefix that is no name (see `program.checked_prefix`).
+        ValueError: another metric, or an invalid prefix (see `program.checked_prefix`).
 
     Example:
         >>> from warpopt.export.languages import C

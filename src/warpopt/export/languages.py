@@ -1,4 +1,4 @@
-"""How each language spells the neutral form that `program` describes."""
+"""The syntax of each language for the neutral form of `program`."""
 
 import dataclasses
 import re
@@ -7,18 +7,18 @@ from collections.abc import Callable
 
 @dataclasses.dataclass(frozen=True)
 class Language:
-    """What differs from language to language; all else is shared.
+    """The differences between languages.
 
     Attributes:
-        name, suffix: for people and for files.
-        before, after: (prefix in capitals) to what stands around the whole.
-        array: (name, number texts) to a constant array.
-        constant: (name, "int" or "float", text) to a named constant.
-        function: (name, parameters, unused parameters) to all of a function before its body.
-        literal: the ending of a number in single precision.
-        math: a mathematical function's name to its spelling.
-        declare: ("int" or "float", name) to a local variable's declaration.
-        one: the beginning of a truth value's conversion to 0 or 1.
+        name, suffix: the language's name and its file suffix.
+        before, after: map (prefix in capitals) to the text before and after the content.
+        array: maps (name, number texts) to a constant array.
+        constant: maps (name, "int" or "float", text) to a named constant.
+        function: maps (name, parameters, unused parameters) to the text of a function before its body.
+        literal: the suffix of a single-precision number.
+        math: maps a mathematical function's name to its name in the language.
+        declare: maps ("int" or "float", name) to a local variable's declaration.
+        one: the start of the conversion of a truth value to 0 or 1.
     """
 
     name: str
@@ -65,7 +65,7 @@ def _plain_function(name: str, parameters: tuple[str, ...], unused: list[str]) -
 
 
 def _c_function(name: str, parameters: tuple[str, ...], unused: list[str]) -> str:
-    # C99 has no attribute for this, and engines compile with -Wunused-parameter.
+    # C99 has no attribute for unused parameters, and engines compile with -Wunused-parameter.
     used = "".join(f"    (void){parameter};\n" for parameter in unused)
     return f"static inline float {name}({_floats(parameters)}) {{\n{used}"
 
@@ -111,7 +111,7 @@ HLSL = Language(
 )  # fmt: skip
 WGSL = Language(
     "WGSL", ".wgsl", lambda _: "", lambda _: "",
-    # Not `const`: compilers older than 2024-09 index no constant by a variable (gfx-rs/wgpu, pull request 6188).
+    # Not `const`: compilers before 2024-09 cannot index a constant by a variable (gfx-rs/wgpu, pull request 6188).
     lambda name, values: f"var<private> {name} = array<f32, {len(values)}>(\n    {_lines(values)}\n);\n",
     lambda name, kind, value: f"const {name}: {_WGSL_TYPE[kind]} = {value};", _wgsl_function,
     declare=lambda kind, name: f"var {name}: {_WGSL_TYPE[kind]}", one="i32(",

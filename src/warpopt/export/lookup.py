@@ -1,4 +1,4 @@
-"""A table's look-up: one for all languages, written once and spelt in each."""
+"""The lookup in a table, written once and exported to all languages."""
 
 import hashlib
 import math
@@ -10,7 +10,7 @@ from ..table.lambda_table import LambdaTable
 from .languages import Language
 from .program import ETA_NOTE, HOW_TO, LAMBDA_NOTE, NO_WARP, Function, Program, text_of
 
-# Where a value stands on an axis of several rows: the row, and the share on the way to the next.
+# The position of a value on an axis of several rows: the row, and the fraction of the way to the next row.
 _RATIO = """
 float low = $ROOT_RATIO[ratio];
 float high = $ROOT_RATIO[ratio + 1];
@@ -41,7 +41,7 @@ def _mixed(axes: list[str], of: Callable[[str], str], name: str, row: str = "") 
     """(statements, expression): linear between the rows' values, axis by axis, nested as in `lookup`.
 
     Args:
-        of: the start of an index, which is the row's first knot, to a value's expression.
+        of: maps the start of an index (the row's first knot) to a value's expression.
         name: of local variables.
     """
     if not axes:
@@ -56,12 +56,12 @@ def _mixed(axes: list[str], of: Callable[[str], str], name: str, row: str = "") 
 
 
 def _steps(count: int) -> list[int]:
-    """Steps of a bisection among so many entries, the last but one of which is the farthest."""
+    """Step sizes of a bisection among `count` entries; the last result is count - 2."""
     return [2**k for k in reversed(range(max(1, count - 2).bit_length()))] if count > 2 else []
 
 
 def _search(name: str, size: str, count: int, beyond: str) -> str:
-    """Statements: the last entry, of those that a piece begins at, that a value is beyond."""
+    """Statements that find the last entry, among those that begin a piece, that a value is beyond."""
     lines = [f"int {name} = 0;\n"]
     for step in _steps(count):
         test = beyond.format(at=f"{name} + {step}")
@@ -70,7 +70,7 @@ def _search(name: str, size: str, count: int, beyond: str) -> str:
 
 
 def _eta_body(axes: list[str], ratios: int, fovs: int, knots: int) -> str:
-    """The look-up over a table's axes: "ratio" (far/near), "fov" (half field of view), both or none."""
+    """The lookup over a table's axes: "ratio" (far/near), "fov" (half field of view), both or none."""
 
     def knot(index: str, name: str) -> tuple[str, str]:
         return _mixed(axes, lambda row: f"$THETA[{row}{index}]", name)
@@ -135,17 +135,17 @@ return lambda;
 
 
 def source(table: LambdaTable, language: Language, prefix: str = "warpopt") -> str:
-    """The whole file: provenance, data, `warpopt_eta`, `warpopt_lambda`, and what to do with them.
+    """The whole file: provenance, data, `warpopt_eta`, `warpopt_lambda`, and notes for use.
 
-    Byte for byte the same for the same table. Functions of a table over the field of view take it, half and in radians,
+    Equal tables give identical bytes. If the table covers the field of view, its functions take half of it, in radians,
     as their last argument.
 
     Args:
         language: one of `languages.LANGUAGES`.
-        prefix: of all names that the file defines.
+        prefix: prefix of all names in the file.
 
     Raises:
-        ValueError: a prefix that is no name (see `program.checked_prefix`).
+        ValueError: an invalid prefix (see `program.checked_prefix`).
 
     Example:
         >>> import warpopt
@@ -183,7 +183,7 @@ def source(table: LambdaTable, language: Language, prefix: str = "warpopt") -> s
 
 
 def _notes(table: LambdaTable) -> list[str]:
-    # All that made the table, in the words of its configuration, and its identity: no file name, which may change.
+    # The configuration that made the table, in its own terms, and its digest; no file name, as that may change.
     first, last = (math.degrees(table.theta[0, 0, k]) for k in (0, -1))
     digest = hashlib.sha256(table.encoded("table.json")).hexdigest()
     ratio, half_fov = (

@@ -1,8 +1,8 @@
-"""Code for engines in a neutral form, and its text in any of the languages.
+"""Code for engines in a neutral form, and its translation to any of the languages.
 
-The neutral form is C's expressions and statements, kept to what C, C++, GLSL, HLSL and WGSL share: no ternary, no
-assignment to a parameter, braces everywhere, locals declared as `float x = ...;` or `int i = ...;`, literals with f,
-`exp log sqrt abs sin cos tan`, `one(x > y)` for 1 where that holds and else 0, and `$name` for what the file defines.
+The neutral form is C restricted to what C, C++, GLSL, HLSL and WGSL share: no ternary, no assignment to a parameter,
+braces everywhere, locals declared as `float x = ...;` or `int i = ...;`, literals with f,
+`exp log sqrt abs sin cos tan`, `one(x > y)` for 1 if true and else 0, and `$name` for names that the file defines.
 """
 
 import dataclasses
@@ -24,7 +24,7 @@ class Function:
 
     Attributes:
         name: without the prefix.
-        note: one line for its user.
+        note: one line of documentation.
         parameters: names, all float.
         body: neutral form.
     """
@@ -37,7 +37,7 @@ class Function:
 
 @dataclasses.dataclass(frozen=True)
 class Program:
-    """A file in the making.
+    """The content of a file.
 
     Attributes:
         notes: comment lines at its head.
@@ -51,7 +51,7 @@ class Program:
     functions: Sequence[Function]
 
 
-# Of every file, after what it is.
+# In every file, after the specific notes.
 HOW_TO = (
     "",
     "To warp: d in [0, mu] is the depth along the view made perpendicular to the light, x lies across it.",
@@ -64,11 +64,11 @@ HOW_TO = (
 
 
 def checked_prefix(prefix: str) -> str:
-    """The prefix, if names in every language can begin with it.
+    """The prefix, if it is valid at the start of names in every language.
 
     Raises:
-        ValueError: what does not begin with a lower-case letter, or holds more than lower-case letters, digits and
-            single underscores between them (GLSL keeps double ones for itself).
+        ValueError: a prefix that does not begin with a lower-case letter, or has characters other than lower-case
+            letters, digits and single underscores between them (GLSL reserves double ones).
 
     Example:
         >>> checked_prefix("sun_p")
@@ -82,13 +82,13 @@ def checked_prefix(prefix: str) -> str:
 
 
 def text_of(program: Program, language: Language, prefix: str = "warpopt") -> str:
-    """The whole file; byte for byte the same for the same program.
+    """The whole file; equal programs give identical bytes.
 
     Args:
-        prefix: of all names that the file defines, in capitals for constants and the include guard.
+        prefix: prefix of all names in the file, in capitals for constants and the include guard.
 
     Raises:
-        ValueError: a prefix that is no name (see `checked_prefix`).
+        ValueError: an invalid prefix (see `checked_prefix`).
 
     Example:
         >>> from warpopt.export.languages import WGSL
@@ -122,13 +122,13 @@ def _function(function: Function, language: Language, prefix: str) -> str:
 
 
 def single(value: float) -> str:
-    """The shortest text that is this number in single precision, with a point.
+    """The shortest text that reads back as this float32 number, with a decimal point.
 
     Example:
         >>> single(0.1), single(1.0), single(1e-30)
         ('0.1', '1.0', '1e-30')
     """
     if not abs(value) <= float(np.finfo(np.float32).max):
-        raise ValueError(f"value: got {value!r}, expected a number that single precision holds")
+        raise ValueError(f"value: got {value!r}, expected a number in the range of float32")
     text = str(np.float32(value))
     return text if "." in text or "e" in text else text + ".0"

@@ -1,4 +1,4 @@
-"""Source code by the name of its language: the public way to the exporters."""
+"""Exporters by language name: their public interface."""
 
 from .._checks import instance
 from ..table.lambda_table import LambdaTable
@@ -6,7 +6,7 @@ from .closed_form import closed_form_source
 from .languages import LANGUAGES, Language
 from .lookup import source
 
-# Of a language in several versions the first serves all: what is written for GLSL 330 compiles as 450 too.
+# For a language with several versions, the first serves all: GLSL 330 code compiles as 450 too.
 _BY_NAME = {
     **{name: forms[0] for name, forms in LANGUAGES.items()},
     **{f"glsl{form.suffix.split('.')[1]}": form for form in LANGUAGES["glsl"]},
@@ -14,15 +14,15 @@ _BY_NAME = {
 
 
 def export_source(table: LambdaTable, language: str, prefix: str = "warpopt") -> str:
-    """The code that looks a table up: its data, `warpopt_eta` and `warpopt_lambda`. Equal for equal tables.
+    """Source code for a table lookup: the data, `warpopt_eta` and `warpopt_lambda`. Equal for equal tables.
 
     Args:
-        table: by `build_table`, or loaded.
+        table: from `build_table` or loaded.
         language: "c", "cpp", "glsl", "glsl330", "glsl450", "hlsl" or "wgsl".
-        prefix: of all names that the code defines.
+        prefix: prefix of all names in the code.
 
     Raises:
-        ValueError: what is no table, another language, or a prefix that is no name.
+        ValueError: not a table, another language, or an invalid prefix.
 
     Example:
         >>> import warpopt
@@ -42,7 +42,7 @@ def export_closed_form(metric: str, language: str, prefix: str = "warpopt") -> s
         language, prefix: as for `export_source`.
 
     Raises:
-        ValueError: another metric or language, or a prefix that is no name.
+        ValueError: another metric or language, or an invalid prefix.
 
     Example:
         >>> "warpopt_lambda(" in export_closed_form("p", "hlsl")

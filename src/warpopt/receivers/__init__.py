@@ -1,4 +1,4 @@
-"""What must be resolved: one kind of receivers a file, behind the base class `Receivers`."""
+"""Receivers: one kind per file, behind the base class `Receivers`."""
 
 from .convex_body import ConvexBody
 from .depth_buffer import DepthBuffer

@@ -1,4 +1,4 @@
-"""Bins of receivers by their depth along Z_w: what makes a scene of any size a few hundred numbers, and their sums."""
+"""Receivers binned by their depth along Z_w: reduces a scene of any size to a few hundred numbers and their sums."""
 
 import math
 from collections.abc import Callable
@@ -16,9 +16,9 @@ from ..theory.light_space import LightDepth
 from .footprint import Footprint, Nearest, Sides, axis_inside, range_of
 from .moments import binomial_moments
 
-BINS = 256  # in delta; each is a group of the footprint
-# Bins are even in log(delta + this), so that A = (1 - delta) eta + delta varies by at most 3.7 % within one for eta
-# above it. Even in delta, the first bin alone would double A at eta = 1/256.
+BINS = 256  # in delta; each bin is a group of the footprint
+# Bins are even in log(delta + offset), so that A = (1 - delta) eta + delta varies by at most 3.7 % within a bin for eta
+# above the offset. With bins even in delta, A would double within the first bin at eta = 1/256.
 _FINEST = 1e-4
 
 
@@ -29,17 +29,17 @@ def bin_of(share: Float[Array, "..."], count: int = BINS) -> Int[Array, "..."]:
 
 
 def bin_edges(count: int) -> np.ndarray:
-    """(count + 1,) the delta at which bins begin and end."""
+    """(count + 1,) delta at the bin edges."""
     edges = _FINEST * np.expm1(np.linspace(0, np.log1p(1 / _FINEST), count + 1))
     edges[-1] = 1.0
     return edges
 
 
 class Groups(eqx.Module):
-    """Groups of receivers by what bounds each: Z_w . c, X_w . c, l . c, and the least eye depth. Empty: z = inf.
+    """Bounds of groups of receivers: Z_w . c, X_w . c, l . c, and the least eye depth. Empty groups: z = inf.
 
-    The least z is a receiver's own. Where lateral bounds may be wider than any receiver, `reached` has (a least, a
-    largest) X_w . c that some receiver goes to or beyond.
+    `z` is attained by a receiver. Where lateral bounds may be wider than any receiver, `reached` has (a least, a
+    largest) X_w . c that some receiver attains or exceeds.
     """
 
     least_depth: Float[Array, "*G"]
@@ -62,14 +62,14 @@ def grouped(seen: Array, d: Array, x: Array, h: Array, z: Array, which: Array, c
 
 
 def ends(seen: Bool[Array, "..."], values: Float[Array, "..."]) -> tuple[Array, Array]:
-    """The least and the largest of what is seen; 0 if nothing is."""
+    """The least and the largest of the visible values; 0 if none are visible."""
     least, largest = jnp.where(seen, values, jnp.inf).min(), jnp.where(seen, values, -jnp.inf).max()
     there = seen.any()
     return jnp.where(there, least, 0), jnp.where(there, largest, 0)
 
 
 def extent_of(z: Float[Array, "..."], seen: Bool[Array, "..."]) -> tuple[Array, Array]:
-    """(least, largest) eye depth of what is seen; (inf, -inf) for nothing."""
+    """(least, largest) eye depth of the visible receivers; (inf, -inf) if there are none."""
     return jnp.where(seen, z, jnp.inf).min(), jnp.where(seen, z, -jnp.inf).max()
 
 
@@ -82,7 +82,7 @@ def singles(valid: Bool[Array, " N"], points: Float[Array, "N 3"], frame: LightF
 
 
 def from_groups(groups: Groups, near: Array, grouped: bool = True) -> Footprint:
-    """The footprint that no receiver of any group exceeds: the fit is conservative, and exact for groups of one."""
+    """A footprint whose bounds no receiver of any group exceeds: conservative, and exact for groups of one."""
     there = jnp.isfinite(groups.z)
     start, _ = ends(there, groups.least_depth)
     _, end = ends(there, groups.largest_depth)
@@ -134,18 +134,18 @@ def with_moments(
     unit: Array,
     objective: Objective,
 ) -> Footprint:
-    """The footprint with the moments of weighted receivers; all terms positive.
+    """The footprint with the moments of weighted receivers; all terms are positive.
 
-    One sweep: row by row, all sums at once, so that nothing but the rows is read and nothing is kept. (Five sums of a
-    1920 by 1080 buffer: 7 ms so, 57 ms as five reductions, of which each computes everything anew.)
+    One sweep, row by row with all sums at once, stores nothing but the sums. (Five sums of a 1920 by 1080 buffer: 7 ms
+    this way, 57 ms as five reductions, each of which recomputes everything.)
 
     Args:
-        rows: arrays whose leading axis is the rows'.
-        receivers_of: (Z_w . c, `unit` over z, weight) of one row's receivers.
+        rows: arrays whose leading axis is the row.
+        receivers_of: gives (Z_w . c, `unit` over z, weight) of one row's receivers.
     """
     M, exponent = round(objective.blend_degree), objective.metric.depth_power * objective.order
-    # Few numbers: the more a sweep reads, the less LLVM vectorises it (half the speed for one more). 1 - delta is as
-    # exact as delta here, whose error is that of Z_w . c.
+    # Few inputs: LLVM vectorises a sweep less the more it reads (one more input halves the speed). 1 - delta is as
+    # exact as delta here, as both have the error of Z_w . c.
     start, scale = footprint.start, jnp.where(footprint.flat, 0, 1 / footprint.mu)
 
     def add(sums: tuple[Array, ...], row: PyTree) -> tuple[tuple[Array, ...], None]:
@@ -159,14 +159,14 @@ def with_moments(
     first = jax.tree.map(lambda v: v[0], rows)
     shape = jax.eval_shape(lambda row: receivers_of(row)[2], first)
     mass, *raw = jax.lax.scan(add, (jnp.zeros(shape.shape, shape.dtype),) * (M + 2), rows)[0]
-    # A receiver at an end may have a delta of -eps, which no sum must show. (Mending it there, receiver by receiver,
-    # costs more than all the rest of the sweep.)
+    # A receiver at an end may have delta = -eps, so the sums are clamped. (Clamping each receiver costs more than the
+    # rest of the sweep.)
     sums = [larger(value.sum(), 0) for value in raw]
     return footprint.with_moments(binomial_moments(sums, mass.sum(), objective), unit)
 
 
 def _powers(base: Array, highest: int) -> list[Array]:
-    """base^0 .. base^highest, each from the one before: derivatives at 0 are finite."""
+    """base^0 .. base^highest, each from the one before, which keeps derivatives at 0 finite."""
     powers = [jnp.ones_like(base)]
     for _ in range(highest):
         powers.append(powers[-1] * base)

@@ -1,4 +1,4 @@
-"""A convex body as receivers: what of a scene's bounding box, or of any convex polytope, lies in the view frustum."""
+"""A convex body as receivers: the part of a scene's bounding box, or of any convex polytope, in the view frustum."""
 
 import functools
 
@@ -26,13 +26,13 @@ _DEPTH_NODES = 24  # in log z on each piece: to 1e-14 for z ratios up to 1e4, 40
 class ConvexBody(Receivers):
     """The intersection body B of SC sec. 4.1: the view frustum clipped by half-spaces, such as a scene's box.
 
-    The camera may be inside, outside or partly inside; a body behind it, or empty, or thinner than rounding, is not
-    an error. L-inf norms use B's vertices. L_P norms integrate over B, slice by slice in log z between the depths of
-    its vertices, each slice a polygon integrated exactly; 24 Gauss nodes a piece leave 1e-13 at f/n = 1e8. A body
-    flatter than sqrt(eps) of its size is integrated as if it were that thick, which moves eta by as much.
+    The camera may be inside, outside or partly inside; a body that is behind it, empty, or thinner than rounding is not
+    an error. L-inf norms use B's vertices. L_P norms integrate over B in slices, in log z between the depths of its
+    vertices; each slice is a polygon, integrated exactly. 24 Gauss nodes a piece leave an error of 1e-13 at f/n = 1e8.
+    A body flatter than sqrt(eps) of its size is integrated as if it had that thickness, which moves eta by as much.
 
     Args:
-        planes: (K, 4) world half-spaces normal . p + offset >= 0; normals of any length but zero.
+        planes: (K, 4) world half-spaces normal . p + offset >= 0; normals of any nonzero length.
 
     Raises:
         ValueError: for a wrong shape, a zero normal or values that are not finite.
@@ -55,7 +55,7 @@ class ConvexBody(Receivers):
         if planes.ndim != 2 or planes.shape[1] != 4:
             raise ValueError(f"planes: got shape {planes.shape}, expected (K, 4)")
         planes = checked("planes", planes, lambda p: abs(p) < np.inf, "finite numbers")
-        largest = jnp.abs(planes[:, :3]).max(1)  # first, so that no square over- or underflows
+        largest = jnp.abs(planes[:, :3]).max(1)  # divide by it first, so that no square over- or underflows
         planes = planes / checked("planes", largest, lambda v: v > 0, "normals that are not zero")[:, None]
         self.planes = planes / jnp.sqrt((planes[:, :3] ** 2).sum(1))[:, None]
 
@@ -104,19 +104,19 @@ class ConvexBody(Receivers):
         """See `Receivers`.
 
         Raises:
-            ValueError: also for a body without end in the view of a camera without a far plane.
+            ValueError: also for a body that is unbounded in the view of a camera without a far plane.
         """
         Receivers.check(self, camera, light, objective)
         if is_traced(camera.far, self.planes):
             return
         if jnp.isinf(camera.far).any() and _vertices(camera, self)[2]:
             raise ValueError(
-                "receivers: got a body that goes on for ever in the view of a camera with far = inf, expected one that "
+                "receivers: got an unbounded body in the view of a camera with far = inf, expected one that "
                 "ends, or a finite far"
             )
 
     def vertices(self, camera: Camera) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
-        """(eye coordinates, which are vertices of B) of its vertices, each some times over."""
+        """(eye coordinates, which of them are vertices of B); each vertex may occur several times."""
         return vertices_of(self.with_frustum(camera))[:2]
 
     def with_frustum(self, camera: Camera) -> Float[Array, "N 4"]:
@@ -128,30 +128,30 @@ class ConvexBody(Receivers):
 
 
 def _reach(dtype) -> float:
-    """Where a box without a side ends: far enough for any frustum, near enough for the squares of what is clipped."""
+    """Distance at which a box without a side is cut: beyond any frustum, but with squares that do not overflow."""
     return float(jnp.finfo(dtype).max) ** 0.25
 
 
 def _beyond_reach(vertices: Array, valid: Array) -> Array:
-    """Whether a body ends only where a box without that side does."""
+    """Whether a body ends only at that cut."""
     return (valid & (jnp.abs(vertices).max(1) > 1e-3 * _reach(vertices.dtype))).any()
 
 
 @jax.jit
 def _vertices(camera: Camera, body: ConvexBody) -> tuple[Array, Array, Array]:
-    """(eye coordinates, which are vertices of the body in view, whether it goes on for ever)."""
+    """(eye coordinates, which of them are vertices of the body in view, whether the body is unbounded)."""
     vertices, valid, endless = vertices_of(body.with_frustum(camera))
     return vertices, valid, endless | _beyond_reach(vertices, valid)
 
 
 def _moments(planes, vertices, valid, frame, footprint: Footprint, objective: Objective):
-    """(moments, unit) over the body, every term positive."""
+    """(moments, unit) over the body; every term is positive."""
     thick, vertices, valid = thickened(planes, vertices, valid)
     z = jnp.where(valid, vertices[:, 2], jnp.nan)
     first = jnp.where(valid.any(), jnp.nanmin(jnp.where(valid, z, jnp.inf)), 1)
     last = jnp.where(valid.any(), jnp.nanmax(jnp.where(valid, z, -jnp.inf)), 2)
-    # Between the depths of neighbouring vertices a slice's moments are polynomials in z. A polytope of F faces has at
-    # most 2 F - 4 vertices; the longest gaps are all of them, the rest is rounding between equals.
+    # Between the depths of neighbouring vertices, a slice's moments are polynomials in z. A polytope of F faces has at
+    # most 2 F - 4 vertices; the longest gaps are the true ones, the others are rounding between equal depths.
     depths = jnp.sort(jnp.where(valid, vertices[:, 2], last))
     logs = jnp.log(depths / first)
     gaps, where = jax.lax.top_k(jnp.diff(logs), min(2 * len(planes) - 5, len(logs) - 1))
@@ -172,7 +172,7 @@ def _moments(planes, vertices, valid, frame, footprint: Footprint, objective: Ob
 def _slice(planes, frame: LightFrame, footprint: Footprint, unit: Array, degree: int, log_z: Array):
     """(delta, 1 - delta, area weights) at the nodes of one slice, a polygon in the plane of slopes (x/z, y/z).
 
-    Each edge is a plane's line clipped by the others, and a triangle with a point inside: nothing needs an order.
+    Each edge is a plane's line clipped by the others; with an inner point it forms a triangle, so no order is needed.
     """
     z = unit * jnp.exp(log_z)
     eps = jnp.finfo(z.dtype).eps
@@ -187,7 +187,7 @@ def _slice(planes, frame: LightFrame, footprint: Footprint, unit: Array, degree:
     others = ~np.eye(count, dtype=bool)
     start, end, _, slanted, inside = clipped(base, direction, normals, offsets, others)
     beside = (others & ~slanted & (inside < -tolerance)).any(1)
-    # Of two planes with one line the first counts.
+    # Of two planes with the same line, only the first counts.
     earlier = np.tril(np.ones((count, count), bool), -1)
     twice = (earlier & ~slanted & edge[None, :] & (jnp.abs(inside) <= tolerance)).any(1)
     usable = edge & ~beside & ~twice & (end > start)
@@ -195,7 +195,7 @@ def _slice(planes, frame: LightFrame, footprint: Footprint, unit: Array, degree:
     share = jnp.where(usable, 1, 0)[:, None]
     centre = (share * (p + q)).sum(0) / jnp.maximum(2 * share.sum(), 1)
     area = jnp.where(usable, jnp.abs(jnp.cross(p - centre, q - centre)) / 2, 0)
-    # Collapsed Gauss nodes on each triangle: r from the centre (weight r), v along the edge.
+    # Collapsed Gauss nodes on each triangle: r from the inner point (weight r), v along the edge.
     (r, a), (v, b) = (unit_nodes(count // 2 + 1, z.dtype) for count in (degree + 1, degree))
     along = p[:, None, :] * (1 - v)[:, None] + q[:, None, :] * v[:, None]
     points = centre + r[:, None, None] * (along[:, None] - centre)

@@ -1,4 +1,4 @@
-"""Receivers as a renderer has them: the depth buffer of the frame."""
+"""A depth buffer as receivers."""
 
 import functools
 from typing import Any, ClassVar, Literal
@@ -20,22 +20,23 @@ from .profiles.binned import BinnedProfile, PointSet
 from .receivers import Receivers
 
 Encoding = Literal["linear", "standard", "reversed"]
-# Sorting into bins costs about as much for one value as all else for ten, so large buffers are first reduced to this
-# many cells, runs of pixels in a row, along which depth varies least.
+# Binning one value costs about as much as all other work for ten, so large buffers are first reduced to this many
+# cells: runs of pixels in a row, along which depth varies least.
 _CELLS = 131_072
-_MIXED = 1.05  # far over near of a cell that is split in two
+_MIXED = 1.05  # far/near above which a cell is split in two
 
 
 class DepthBuffer(Receivers):
-    """The pixels of a depth buffer, made by the camera of the view; row 0 is the top of the screen.
+    """The pixels of a depth buffer rendered with the camera of the view; row 0 is the top of the screen.
 
-    Each pixel's centre is one receiver of equal weight: L_P norms are over what is seen. Background is no receiver.
+    Each pixel's centre is one receiver, all of equal weight: L_P norms are over the visible pixels. Background
+    pixels are not receivers.
 
     Args:
         depth: (H, W) or (H, W, 1); half precision is read as single.
         encoding: "linear", eye depth, with background at or beyond the far plane, infinite, 0 or negative; "standard",
             in [0, 1] with 0 at the near plane and background at 1; "reversed", in [0, 1] with 1 at the near plane and
-            background at 0. The last two also of projections without a far plane (`Camera.far` inf).
+            background at 0. The last two also work without a far plane (`Camera.far` inf).
 
     Raises:
         ValueError: for a wrong shape, NaN, or values outside the encoding's range.
@@ -50,7 +51,7 @@ class DepthBuffer(Receivers):
         'flat'
     """
 
-    one_at_a_time: ClassVar[bool] = True  # a pass fills the machine, and its cells are tens of megabytes
+    one_at_a_time: ClassVar[bool] = True  # one pass uses all cores, and its cells take tens of megabytes
 
     depth: Float[Array, "H W"]
     encoding: Encoding = eqx.field(static=True, default="linear")
@@ -86,10 +87,10 @@ class DepthBuffer(Receivers):
         return BinnedProfile(_weighted(self, camera), frame, bins)
 
     def _decoded(self, value: Array, camera: Camera) -> tuple[Array, Array]:
-        """(which pixels are no background, eye depths, in [near, far] for all)."""
+        """(which pixels are not background, eye depths, in [near, far] for all)."""
         n, f = camera.near, camera.far
         if self.encoding == "linear":
-            seen = (value > 0) & (value < f)  # inf is not below inf
+            seen = (value > 0) & (value < f)  # excludes background for f = inf: inf < inf is False
             return seen, jnp.where(seen, larger(value, n), n)
         # n / f is 0 without a far plane. Sums of positive terms: f - value (f - n) may round to 0 in a deep frustum.
         shallow = n / f
@@ -102,9 +103,9 @@ class DepthBuffer(Receivers):
         return seen, n / (shallow * (1 - value) + value)
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
-        """See `Receivers`. A pass for extents, cell by cell, one more where there are silhouettes, one for moments."""
+        """See `Receivers`. A pass over cells for extents, another if there are silhouettes, and one for moments."""
         across, up = _slopes(self.depth, camera)
-        # What rows share is computed here: inside a sweep every pixel would.
+        # Values shared by rows are computed here: inside a sweep they would be recomputed for every pixel.
         slope_across, slope_up = frame.z_axis[0] * across, frame.z_axis[1] * up + frame.z_axis[2]
         rows = self.depth, slope_up
 
@@ -116,7 +117,7 @@ class DepthBuffer(Receivers):
         start, end, near, far = self._cells(rows, depths)
         bounds = functools.partial(self._bounds, start, end, (across, up), frame)
         groups = bounds(near, far)
-        # A cell across a silhouette holds what is near and what is behind it: together a receiver that there is not.
+        # A cell across a silhouette would combine near and far depths into a receiver that does not exist.
         mixed = jnp.isfinite(near) & (far > _MIXED * near)
 
         def split(groups: Groups) -> Groups:
@@ -138,7 +139,7 @@ class DepthBuffer(Receivers):
     def _cells(self, rows, depths) -> tuple[Array, Array, Array, Array]:
         """(least and largest Z_w . c of all pixels, least and largest eye depth of each cell; inf, -inf where empty).
 
-        Reducing by cells costs several times what reducing whole rows does, so that only z is.
+        Only z is reduced by cells, as that costs several times as much as reducing whole rows.
         """
         width = self.depth.shape[1]
 
@@ -155,7 +156,7 @@ class DepthBuffer(Receivers):
         return start, end, near, far
 
     def _parts(self, rows, depths, near: Array, far: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """(near, far) of each cell's pixels before and beyond the middle of its depths, by ratio."""
+        """(near, far) of each cell's pixels before and beyond the geometric mean of its depths."""
         there = jnp.isfinite(near)
         middle = jnp.sqrt(jnp.where(there, near, 1)) * jnp.sqrt(jnp.where(there, far, 1))
 
@@ -168,7 +169,7 @@ class DepthBuffer(Receivers):
             return None, (nearer, jnp.where(seen & ~before, z, jnp.inf).min(1))
 
         _, (nearer, beyond) = jax.lax.scan(row_parts, None, (rows, jax.lax.stop_gradient(middle)))
-        # `middle` may be rounded to `near` or `far` where these are all but equal: both ends are somewhere.
+        # `middle` may round to `near` or `far` where these are almost equal: both parts are non-empty.
         nearer = jnp.where(jnp.isfinite(nearer), nearer, near)
         return (near, jnp.where(there, nearer, -jnp.inf)), (beyond, jnp.where(jnp.isfinite(beyond), far, -jnp.inf))
 
@@ -181,16 +182,16 @@ class DepthBuffer(Receivers):
         return jnp.pad(row, (0, -len(row) % self._cell_size), constant_values=fill).reshape(-1, self._cell_size)
 
     def _bounds(self, start, end, slopes: tuple[Array, Array], frame: LightFrame, near: Array, far: Array) -> Groups:
-        """What cells with these depths can reach, by the slopes at their ends, in bins."""
+        """The bounds of cells with these depths, from the slopes at their ends, in bins."""
         across, up = slopes
         there = jnp.isfinite(near)
         first = np.arange(0, len(across), self._cell_size)
         ends = across[first], across[np.minimum(first + self._cell_size, len(across)) - 1]
-        # What is not there bounds nothing: its least is inf, its largest -inf.
+        # Empty cells bound nothing: least inf, largest -inf.
         nearest, farthest = jnp.where(there, near, 1), jnp.where(there, far, 1)
 
         def extents(axis: Array) -> tuple[Array, Array, Array, Array]:
-            """(least, a least that is reached, a largest that is reached, largest) of axis . c."""
+            """(least, an attained least, an attained largest, largest) of axis . c."""
             one, other = (axis[0] * end + (axis[1] * up + axis[2])[:, None] for end in ends)
             low, high = jnp.where(one < other, one, other), jnp.where(one < other, other, one)
             return (
@@ -213,7 +214,7 @@ class DepthBuffer(Receivers):
         return jax.tree.map(joined, cells, _SIGNS)
 
 
-# Whether groups join in the least (1) or in the largest (-1) of each bound.
+# Whether each bound of merged groups is the least (1) or the largest (-1).
 _SIGNS: Any = assembled(
     Groups, least_depth=1, largest_depth=-1, least_lateral=1, largest_lateral=-1, least_light=1, largest_light=-1, z=1,
     reached=(1, -1),
@@ -221,12 +222,12 @@ _SIGNS: Any = assembled(
 
 
 def _union(one: Groups, other: Groups) -> Groups:
-    """Groups that hold what is in either, group by group."""
+    """Groups that contain both groups, index by index."""
     return jax.tree.map(lambda a, b, sign: jnp.where(sign * a < sign * b, a, b), one, other, _SIGNS)
 
 
 def eye_points(buffer: DepthBuffer, camera: Camera) -> tuple[Float[Array, "H W 3"], Bool[Array, "H W"]]:
-    """(the pixels' receivers in eye coordinates, whether there is one)."""
+    """(the pixels' receivers in eye coordinates, which pixels have one)."""
     z = buffer.eye_depth(camera)
     seen = jnp.isfinite(z)
     z = jnp.where(seen, z, 1)

@@ -1,4 +1,4 @@
-"""Receivers of which only the depths are known: a histogram, as automatic exposure or cascade fitting keep it."""
+"""A depth histogram as receivers, as kept by automatic exposure or cascade fitting."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,12 +20,12 @@ from .whole_frustum import window_nodes
 class DepthHistogram(Receivers):
     """Receivers spread evenly over the screen at each depth, and evenly in depth within each bin.
 
-    That is all a histogram says; where the scene is lopsided (ground below, sky above) a `DepthBuffer` knows better: on
-    hills, over light directions, the L2 norm with a histogram's warp is up to 6 (E_p) and 250 times (E_pxq) above the
-    optimum's, little better than with no knowledge of the scene (docs/performance.md).
+    A histogram contains no more information. Where the scene is uneven on the screen (ground below, sky above), a
+    `DepthBuffer` is more accurate: on hills, over light directions, the L2 norm with a histogram's warp is up to 6
+    (E_p) and 250 times (E_pxq) the optimum's, little better than ignoring the scene (docs/performance.md).
 
     Args:
-        edges: (K + 1,) eye depths, increasing, > 0. What lies outside the view frustum is cut off.
+        edges: (K + 1,) eye depths, increasing, > 0. The part outside the view frustum is cut off.
         counts: (K,), >= 0: the weight of each bin; a bin of 0 holds no receivers.
 
     Raises:
@@ -57,7 +57,7 @@ class DepthHistogram(Receivers):
         """See `Receivers`. Each bin is a slab of the frustum, and a group."""
         whole = self.edges.astype(camera.near.dtype)
         edges = jnp.clip(whole, camera.near, camera.far)
-        counts = self.counts * jnp.diff(edges) / jnp.diff(whole)  # evenly in depth: what is cut off takes its share
+        counts = self.counts * jnp.diff(edges) / jnp.diff(whole)  # cut bins keep their share of the count
         there = (counts > 0) & (edges[1:] > edges[:-1])
         corners = camera.corner_slopes()
 
@@ -74,7 +74,7 @@ class DepthHistogram(Receivers):
             return footprint
         degree = round(objective.blend_degree)
         points, weights = window_nodes(camera, "screen", degree)
-        t, w = unit_nodes(degree // 2 + 8, edges.dtype)  # a bin's z ratio of 10 still leaves 1e-10 of the integral
+        t, w = unit_nodes(degree // 2 + 8, edges.dtype)  # error 1e-10 for a bin with a z ratio of 10
         inner = edges[:-1, None] + jnp.diff(edges)[:, None] * t
         d = (points @ frame.z_axis)[:, None, None] * inner
         mass = jnp.where(there, counts, 0)[:, None] * w * weights[:, None, None]
@@ -92,7 +92,7 @@ class DepthHistogram(Receivers):
         """See `Receivers`. Each bin is a slab of the frustum."""
         whole = self.edges.astype(camera.near.dtype)
         edges = jnp.clip(whole, camera.near, camera.far)
-        weights = self.counts.astype(edges.dtype) / jnp.diff(whole)  # what is cut off takes its share
+        weights = self.counts.astype(edges.dtype) / jnp.diff(whole)  # cut bins keep their share of the count
         weights = jnp.where(edges[1:] > edges[:-1], weights, 0)
         planes = camera.planes().at[4, 3].set(-edges[0]).at[5].set(far_plane(edges[-1]))
         near, far = (np.asarray(v) for v in (edges[:-1], edges[1:]))

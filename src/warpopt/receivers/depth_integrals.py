@@ -1,12 +1,12 @@
-"""The integrals over depth that every L_P norm over the frustum is made of; free of theta and of the field of view.
+"""The integrals over depth in every L_P norm over the frustum; independent of theta and of the field of view.
 
     I_i(f/n) = integral over t in [0, 1] of t^i (1 - t)^(M - i) (1 + (f/n - 1) t)^-Q,   i = 0..M
 
-an incomplete-Beta (2F1) family. Its elementary forms cancel for thin frusta and overflow for deep ones; here each is a
-piecewise polynomial in L = log(f/n) of I_i (f/n)^min(i+1, Q), which stays between constants times (1 + L). It is
-interpolated at Chebyshev nodes and stored by powers, for Horner: the integrand's nearest singularities in L are at
-+-2 pi i, so that the coefficients on panels of half width 1/4 fall by 2 pi / (1/4) = 25 each, and nothing cancels.
-Relative error at most one eps for L in [0, 32] and M <= 9 (measured), at twelve multiply-adds an integral.
+an incomplete-Beta (2F1) family. Its elementary forms cancel for thin frusta and overflow for deep ones. Instead,
+I_i (f/n)^min(i+1, Q), which stays between constants times (1 + L), is tabulated as a piecewise polynomial in
+L = log(f/n). It is interpolated at Chebyshev nodes and stored as powers, for Horner: the integrand's nearest
+singularities in L are at +-2 pi i, so the coefficients on panels of half width 1/4 fall by 2 pi / (1/4) = 25 each, and
+nothing cancels. Relative error at most one eps for L in [0, 32] and M <= 9 (measured); twelve multiply-adds each.
 """
 
 import functools

@@ -1,6 +1,6 @@
-"""What any set of receivers is to a warp: a few extents, a few lines, a few moments.
+"""The footprint: what a warp needs to know about any receivers, as a few extents, lines and moments.
 
-`Receivers.footprint` makes one of every kind of receivers, and everything after it sees only the result.
+`Receivers.footprint` makes one from every kind of receivers; all later code uses only the footprint.
 """
 
 import equinox as eqx
@@ -14,7 +14,7 @@ from .moments import Moments
 
 
 class Nearest(eqx.Module):
-    """Candidates for the maximum error: each an upper bound on a group of receivers, exact where the group is one.
+    """Candidates for the maximum error: each an upper bound on a group of receivers, exact for a group of one.
 
     Invalid entries have z = inf, which no maximum attains.
     """
@@ -24,34 +24,34 @@ class Nearest(eqx.Module):
 
 
 class Sides(eqx.Module):
-    """Candidates for the extents of the map, groups of receivers again.
+    """Candidates for the extents of the map, again groups of receivers.
 
-    Empty ones have right = left = 0 and light_least = inf.
+    Empty groups have right = left = 0 and light_least = inf.
     """
 
     depth: LightDepth  # the least delta of each group
     farthest: LightDepth  # the largest
     right: Float[Array, " K"]  # largest x - axis, >= 0
     left: Float[Array, " K"]  # largest axis - x, >= 0
-    light_least: Float[Array, " K"]  # least l . c, which grows away from the light
+    light_least: Float[Array, " K"]  # least l . c, which increases away from the light
     light_largest: Float[Array, " K"]
-    # Of groups that may be narrower than `right` and `left`: what some receiver reaches or exceeds.
+    # For groups that may be narrower than `right` and `left`: a width that some receiver attains or exceeds.
     reached: tuple[Float[Array, " K"], Float[Array, " K"]] | None = None
 
 
 class Footprint(eqx.Module):
-    """Receivers, as far as a warp needs to know them.
+    """The data of receivers that a warp needs.
 
     Attributes:
         start: least Z_w . c, in eye coordinates: where the warping frustum begins.
         mu: its depth range; 1 where `flat`.
-        axis: X_w . c of W's axis: the eye's, or the nearest to it inside the body.
+        axis: X_w . c of W's axis: the eye's, clamped into the body.
         nearest, sides: see `Nearest`, `Sides`.
-        moments: for L_P norms, and
-        unit: the length that is 1 in them.
+        moments: for L_P norms.
+        unit: the unit of length of the moments.
         empty: no receivers at all.
         flat: all receivers at one depth along Z_w, up to rounding: nothing to warp.
-        grouped: whether some group holds more than one receiver.
+        grouped: whether some group has more than one receiver.
 
     Example:
         >>> import warpopt
@@ -73,7 +73,7 @@ class Footprint(eqx.Module):
     grouped: bool = eqx.field(static=True, default=False)
 
     def half_widths(self, eta: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """(largest (axis - x)/A, largest (x - axis)/A): what the map must span on either side of W's axis."""
+        """(largest (axis - x)/A, largest (x - axis)/A): the map's half widths on both sides of W's axis."""
         blend = self.sides.depth.blend(eta)
         return (self.sides.left / blend).max(), (self.sides.right / blend).max()
 
@@ -90,15 +90,14 @@ class Footprint(eqx.Module):
         return eqx.tree_at(lambda f: (f.moments, f.unit), self, (moments, unit), is_leaf=lambda v: v is None)
 
     def lost_where(self, endless: Bool[Array, ""]) -> "Footprint":
-        """The same, or NaN where the receivers have no end, so that no number comes of them."""
+        """The same, or NaN where the receivers are unbounded, so that no finite result appears."""
         mu, flat = jnp.where(endless, jnp.nan, self.mu), self.flat & ~endless
         return eqx.tree_at(lambda f: (f.mu, f.flat), self, (mu, flat))
 
     def at_best(self) -> "Footprint":
-        """For a `grouped` footprint: the same groups if each receiver had its group's other depth, and no more width
-        than is known.
+        """For a `grouped` footprint: the most favourable receivers, at each group's other depth and least known width.
 
-        At every eta the norm of this and that of the footprint itself enclose that of the receivers one by one.
+        At every eta, the norms of this footprint and of the original one enclose that of the individual receivers.
         """
         sides = self.sides
         right, left = (sides.right, sides.left) if sides.reached is None else sides.reached
@@ -110,7 +109,7 @@ class Footprint(eqx.Module):
 
 
 def axis_inside(least: Array, largest: Array) -> Array:
-    """X_w . c of W's axis: 0, the eye's, clamped into the body, which pseudo-convexity needs."""
+    """X_w . c of W's axis: 0, the eye's, clamped into the body, as pseudo-convexity requires."""
     return jnp.where(largest < 0, largest, jnp.where(least > 0, least, 0))
 
 

@@ -1,4 +1,4 @@
-"""The view frustum in few numbers: its extreme receivers for L-inf, its moments for L_P."""
+"""The view frustum as few numbers: its extreme receivers for L-inf, its moments for L_P."""
 
 import functools
 import itertools
@@ -24,16 +24,16 @@ def extreme_height(objective: Objective) -> float:
 def moments(space: LightSpace, objective: Objective) -> Moments:
     """The moments of the whole frustum under an objective whose M must be an integer.
 
-    Over depth they are the theta-free `depth_integrals`; over the height u, Gauss-Legendre with floor(M/2) + 1 nodes,
-    exact for the polynomial. A is linear in depth along each height's segment, so that a moment is the polar form of
-    the depth integrals at the segment's end values: repeated contraction, all terms positive.
+    Over depth they are the `depth_integrals`, which do not depend on theta; over the height u, Gauss-Legendre with
+    floor(M/2) + 1 nodes, exact for the polynomial. A is linear in depth along each height's segment, so that a moment
+    is the polar form of the depth integrals at the segment's end values: repeated contraction, all terms positive.
     """
     M, x = round(objective.blend_degree), space.depth_range
     if objective.measure == "axis":
         heights, weights = np.array([0.5], x.dtype), np.array([1.0], x.dtype)
     else:
         heights, weights = unit_nodes(M // 2 + 1, x.dtype)
-    # The heights are a leading axis: one contraction for all.
+    # The heights are a leading axis, contracted together.
     batch = (-1,) + (1,) * jnp.ndim(space.edge(1.0)[0].delta + x)
     near, far = space.edge(heights.reshape(batch))
     return segment_moments(near, far, weights.reshape(batch), space.edge(1.0)[0].delta, x, space.log_ratio, objective)
@@ -58,8 +58,8 @@ def segment_moments(
         objective: an L_P norm, whose M must be an integer.
     """
     M, Q = round(objective.blend_degree), objective.depth_exponent
-    # A first scale, free of the data: about where the optimum is, and never below the nearest receivers' delta. It
-    # keeps the integrals (which span (n/f)^Q) and the corner values in range.
+    # A first scale, independent of the data: near the optimum, and never below the nearest receivers' delta. It keeps
+    # the integrals (which span (n/f)^Q) and the corner values in range.
     e = objective.metric.depth_power / objective.metric.blend_power
     sigma = jax.lax.stop_gradient(jnp.maximum(jnp.exp(-e * L), nearest))
     rise = [min(i + 1, Q) - min(1, Q) for i in range(M + 1)]
@@ -95,12 +95,12 @@ def _polar_forms(integrals: list[Array], delta: tuple[Array, Array], complement:
 def _balanced(raw: list[Array], sigma: Array, centre: int, x: Array, L: Array, objective: Objective) -> Moments:
     M, Q, P = len(raw) - 1, objective.depth_exponent, objective.order
     first = raw[0]
-    # Any scale near the balance serves, so that its own rounding does not matter.
+    # Any scale near the balance works, so its rounding does not matter.
     inverse = jax.lax.stop_gradient(jnp.exp(jnp.log(first / raw[-1]) / M))
     balanced = [over(value, first) for value in raw]
-    for j in range(1, M + 1):  # one factor at a time: inverse^M alone may overflow
+    for j in range(1, M + 1):  # one factor at a time: inverse^M may overflow
         balanced[j:] = [value * inverse for value in balanced[j:]]
-    # The roots of the factors, not of their product, which may lie below float32's normal numbers.
+    # Roots of the factors: their product may underflow in float32.
     factors = first * power(sigma, -centre), power(1 + x, min(1, Q)), measure_mass(objective.volume_exponent, x, L)
     top, bottom, mass = (power(factor, 1 / P) for factor in factors)
     return Moments(tuple(balanced), sigma / inverse, top / bottom / mass)

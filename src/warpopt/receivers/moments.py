@@ -1,4 +1,4 @@
-"""The few numbers that an L_P norm is: moments of the receivers' depth along Z_w."""
+"""The moments of the receivers' depth along Z_w that define an L_P norm."""
 
 import functools
 import math
@@ -13,13 +13,13 @@ from ..objective import Objective
 
 
 class Moments(eqx.Module):
-    """All that an L_P norm of even a large scene is, for integer M = kP: M + 1 non-negative numbers.
+    """The M + 1 non-negative numbers that define an L_P norm, for integer M = kP and receivers of any size.
 
     integral of A^M z^-Q over the measure, over the measure's mass and in units of near
         = amplitude (scale eta')^M ... with eta = scale eta':  amplitude * sum_j coefficients[j] eta'^(M - j)
 
     The scale balances the two ends (coefficients[0] = coefficients[M] = 1). Moment sequences are log-convex, so the
-    others stay below binomials, and neither they nor their powers leave the range of float32.
+    others stay below binomials, and they and their powers stay in the range of float32.
     """
 
     coefficients: tuple[Float[Array, "..."], ...]
@@ -29,7 +29,7 @@ class Moments(eqx.Module):
     def power_mean(self, eta: Float[Array, "..."], objective: Objective) -> Float[Array, "..."]:
         """(integral of A^M (z/n)^-rP dm / integral of dm)^(1/P)."""
         ratio = eta / self.scale
-        # Horner in whichever of eta', 1/eta' is below 1: powers cannot overflow.
+        # Horner in eta' or 1/eta', whichever is below 1, so that powers cannot overflow.
         flip = ratio > 1
         at = jnp.where(flip, 1 / jnp.where(flip, ratio, 1), ratio)
         up = horner(self.coefficients, jnp.where(flip, 1, at))

@@ -1,4 +1,4 @@
-"""Receivers known one by one: points."""
+"""Points as receivers."""
 
 import jax
 import jax.numpy as jnp
@@ -19,12 +19,12 @@ from .receivers import Receivers
 class PointReceivers(Receivers):
     """Points, such as a sample of the visible surfaces.
 
-    Points outside the view frustum are not seen and count for nothing; so do points of weight 0. No points at all are
-    an empty scene.
+    Points outside the view frustum and points of weight 0 are ignored. No points at all are an empty scene.
+
 
     Args:
         points: (N, 3) in world space.
-        weights: (N,), >= 0; equal by default. The measure of an L_P norm; L-inf only asks which are positive.
+        weights: (N,), >= 0; equal by default. The measure of an L_P norm; L-inf uses only their sign.
 
     Raises:
         ValueError: for a wrong shape, NaN, infinite points, or a negative weight.
@@ -55,9 +55,9 @@ class PointReceivers(Receivers):
         self.weights = checked("weights", weights, lambda w: (w >= 0) & (w < np.inf), "finite numbers >= 0")
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
-        """See `Receivers`. Exact for at most `BINS` points, conservative beyond: `Footprint`'s groups."""
+        """See `Receivers`. Exact for at most `BINS` points, conservative for more (grouped)."""
         world, weights = self.points, self.weights
-        if not len(world):  # one point of no weight: empty
+        if not len(world):  # empty: one point of weight 0
             world, weights = jnp.zeros((1, 3), world.dtype), jnp.zeros((1,), world.dtype)
         points = camera.to_eye(world)
         seen = (weights > 0) & seen_from(camera, points)
@@ -97,7 +97,7 @@ def _weighted(receivers: PointReceivers, camera: Camera) -> PointSet:
 def seen_from(camera: Camera, points: Float[Array, "N 3"]) -> Bool[Array, " N"]:
     """Which points in eye coordinates are in the view frustum."""
     planes = camera.planes()
-    # On the boundary is seen: a far plane's corner must not be lost to the rounding of its transformation.
+    # The boundary counts as seen: rounding of the transformation must not lose a far plane's corner.
     size = jnp.abs(points).max(1) + jnp.abs(camera.position).max()
     slack = 64 * jnp.finfo(points.dtype).eps * size[:, None]
     return (points @ planes[:, :3].T + planes[:, 3] >= -slack).all(1)

@@ -1,4 +1,4 @@
-"""Convex polytopes as half-spaces normal . c + offset >= 0: their vertices, and what thickness they need."""
+"""Convex polytopes as half-spaces normal . c + offset >= 0: their vertices, and a minimal thickness."""
 
 import itertools
 
@@ -9,11 +9,11 @@ from jaxtyping import Array, Bool, Float
 
 
 def vertices_of(planes: Float[Array, "K 4"]) -> tuple[Float[Array, "N 3"], Bool[Array, " N"], Bool[Array, ""]]:
-    """(points, which are vertices, whether an edge has no end) of a polytope.
+    """(points, which of them are vertices, whether an edge is unbounded) of a polytope.
 
     The points are both ends of its edges, first one of each, then the other.
 
-    Every edge is a line of two planes, clipped by all others. Points within rounding of the body count as its own, so
+    Every edge is the line of two planes, clipped by all others. Points within rounding of the body belong to it, so
     that a body without thickness keeps its vertices.
     """
     normals, offsets = planes[:, :3], planes[:, 3]
@@ -22,7 +22,7 @@ def vertices_of(planes: Float[Array, "K 4"]) -> tuple[Float[Array, "N 3"], Bool[
     p, q = normals[first], normals[second]
     direction = jnp.cross(p, q)
     square = (direction * direction).sum(-1)
-    crossing = square > 1e4 * eps  # parallel planes have no edge, or one of no consequence
+    crossing = square > 1e4 * eps  # parallel planes have no edge, or a negligible one
     square = jnp.where(crossing, square, 1)
     # The line's point nearest to the eye, and its unit direction.
     h, g = -offsets[first][:, None], -offsets[second][:, None]
@@ -41,9 +41,9 @@ def vertices_of(planes: Float[Array, "K 4"]) -> tuple[Float[Array, "N 3"], Bool[
 
 
 def clipped(base, direction, normals, offsets, others) -> tuple[Array, Array, Array, Array, Array]:
-    """Lines base + t direction, clipped by the half-spaces that are in `others` for each.
+    """Lines base + t direction, each clipped by its half-spaces in `others`.
 
-    Returns (first t, last t, whether there are both, which half-spaces cut the line, each one's value at the base);
+    Returns (first t, last t, whether both exist, which half-spaces cut the line, each one's value at the base);
     the first two are 0 where the line stays unbounded.
     """
     towards, inside = direction @ normals.T, base @ normals.T + offsets
@@ -58,9 +58,9 @@ def clipped(base, direction, normals, offsets, others) -> tuple[Array, Array, Ar
 def thickened(
     planes: Float[Array, "K 4"], vertices: Float[Array, "N 3"], valid: Bool[Array, " N"]
 ) -> tuple[Array, Array, Array]:
-    """(half-spaces, vertices, which are valid) of a body that is at least sqrt(eps) of its size thick.
+    """(half-spaces, vertices, which are valid) of a body, thickened to at least sqrt(eps) of its size.
 
-    A thinner one has no volume to speak of; to thicken it moves the optimum by no more than rounding does elsewhere.
+    A thinner body has negligible volume; thickening it moves the optimum by no more than rounding does elsewhere.
     """
     eps = jnp.finfo(planes.dtype).eps
     present = valid[:, None]

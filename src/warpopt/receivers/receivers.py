@@ -1,4 +1,4 @@
-"""What must be resolved: the interface of every kind of receivers, yours too."""
+"""The interface of every kind of receivers, including your own."""
 
 import abc
 from typing import ClassVar, get_args
@@ -16,15 +16,15 @@ EVERY_MEASURE: tuple[str, ...] = get_args(Measure)
 
 
 class Receivers(eqx.Module):
-    """Receivers of any kind. Nothing outside this package asks which kind they are.
+    """Receivers of any kind. Code outside this package does not depend on the kind.
 
-    A kind of your own is an `equinox.Module` that derives from this class. `footprint` is all that `optimal_warp`,
-    `error_norm` and `shadow_matrix` need (`warpopt.receivers.bins` has what it is made of: extents of groups, and
-    moments for L_P norms); without the other two, rules over it and lower bounds are refused in words.
+    Your own kind is an `equinox.Module` derived from this class. `optimal_warp`, `error_norm` and `shadow_matrix` need
+    only `footprint` (`warpopt.receivers.bins` builds it from extents of groups, and moments for L_P norms). Without the
+    other two methods, rules and lower bounds over it raise an error.
 
     Attributes:
-        measures: the measures that L_P norms over this kind may be taken over; a set has weights of its own.
-        one_at_a_time: whether one view's pass fills the machine, so that views are solved one after the other.
+        measures: the measures that L_P norms over this kind accept; a set is weighted by its weights instead.
+        one_at_a_time: whether one pass uses all cores, so that views are solved one after the other.
 
     Example:
         >>> import jax, jax.numpy as jnp, warpopt
@@ -46,46 +46,46 @@ class Receivers(eqx.Module):
 
     @abc.abstractmethod
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
-        """The receivers as far as a warp needs to know them, with moments if the objective is an L_P norm.
+        """The data that a warp needs, with moments if the objective is an L_P norm.
 
         Called under `jax.jit`.
         """
 
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """(least, largest) eye depth of what is seen, which rules take for n and f; (inf, -inf) for nothing.
+        """(least, largest) eye depth of the visible receivers, used by rules as n and f; (inf, -inf) if none.
 
         Called under `jax.jit`.
 
         Raises:
-            ValueError: this kind does not know it.
+            ValueError: this kind has none.
         """
         raise ValueError(f"receivers: got {type(self).__name__}, which has no depth_extent, as rules over it need")
 
     def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> DepthProfile:
-        """The receivers by their depth along Z_w, which lower bounds are made of.
+        """The receivers by depth along Z_w, used by lower bounds.
 
         Args:
-            camera, frame, objective: as for `footprint`, but concrete.
-            bins: of depth, for kinds that are sets of points.
+            camera, frame, objective: as for `footprint`, but not traced.
+            bins: number of depth bins, for kinds that are sets of points.
 
         Raises:
-            ValueError: this kind does not know it.
+            ValueError: this kind has none.
         """
         raise ValueError(f"receivers: got {type(self).__name__}, which has no depth_profile, as lower bounds need")
 
     def check(self, camera: Camera, light: DirectionalLight, objective: Objective | None) -> None:
-        """Refuse what these receivers are not for; every verb asks before anything is compiled.
+        """Refuse inputs that these receivers do not support; public functions call it before compiling anything.
 
         Args:
             camera, light: of the view.
-            objective: None where the receivers' extents alone are needed.
+            objective: None if only the receivers' extents are needed.
 
         Raises:
-            ValueError: a measure that is not this kind's.
+            ValueError: a measure that this kind does not support.
         """
         if objective is not None and objective.measure not in self.measures:
             expected = ", ".join(map(repr, self.measures))
             raise ValueError(
                 f"measure: got {objective.measure!r} with {type(self).__name__}, expected "
-                + (f"one of {expected}" if len(self.measures) > 1 else f"{expected}: its weights are its own")
+                + (f"one of {expected}" if len(self.measures) > 1 else f"{expected}: it has weights")
             )

@@ -1,4 +1,4 @@
-"""Receivers that have been reduced to their footprint: one pass over them for several verbs."""
+"""Receivers reduced to their footprint: several calls share one pass over them."""
 
 import equinox as eqx
 import jax
@@ -15,14 +15,14 @@ from .receivers import EVERY_MEASURE, Receivers
 
 
 class Reduced(Receivers):
-    """A footprint in the place of the receivers that it was made of; see `warpopt.SceneView.reduced`.
+    """A footprint instead of the receivers it was made from; see `warpopt.SceneView.reduced`.
 
     Attributes:
         made: the footprint.
-        camera, light: what it was made for.
-        objective: of its moments.
+        camera, light: the ones it was made for.
+        objective: the one of its moments.
         kind: the receivers' class, for messages.
-        extent: (least, largest) eye depth of the receivers; None where their kind does not know it.
+        extent: (least, largest) eye depth of the receivers; None if their kind has none.
     """
 
     made: Footprint
@@ -35,7 +35,7 @@ class Reduced(Receivers):
     measures = EVERY_MEASURE  # the objective is compared as a whole
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
-        """See `Receivers`; `check` has compared all three."""
+        """See `Receivers`; `check` has compared all three arguments."""
         return self.made
 
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
@@ -59,13 +59,13 @@ class Reduced(Receivers):
         """See `Receivers`.
 
         Raises:
-            ValueError: another camera or light than the footprint was made for, unless traced, of which nothing is
-                known; another L_P norm, or the axis in the place of the whole.
+            ValueError: a camera or light that the footprint was not made for (traced values are not checked); another
+                L_P norm, or the axis instead of the whole frustum.
         """
         for name, one, own in (("camera", camera, self.camera), ("light", light, self.light)):
             if not all(map(_same, jax.tree.leaves(one), jax.tree.leaves(own))):
                 raise ValueError(
-                    f"{name}: got another than the receivers were reduced for, expected the same: reduce the view anew"
+                    f"{name}: got another than the receivers were reduced for, expected the same: reduce the view again"
                 )
         if objective is None:
             return

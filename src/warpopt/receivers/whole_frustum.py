@@ -19,7 +19,7 @@ from .receivers import EVERY_MEASURE, Receivers
 
 
 class WholeFrustum(Receivers):
-    """Everything that the camera could see, weighted by the objective's measure; with "axis" the view axis alone.
+    """Everything that the camera could see, weighted by the objective's measure; with "axis" only the view axis.
 
     Example:
         >>> import warpopt
@@ -40,16 +40,16 @@ class WholeFrustum(Receivers):
         if not is_traced(camera.far) and jnp.isinf(camera.far).any():
             raise ValueError(
                 "camera: got far = inf with the whole frustum as receivers, expected a finite far, or receivers that "
-                "say what is seen"
+                "know their depths"
             )
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
-        """See `Receivers`. All lengths from sums of non-negative terms: no depth near 0 or 1 loses its digits."""
+        """See `Receivers`. All lengths are sums of non-negative terms, so depths near 0 or 1 stay accurate."""
         n, f = camera.near, camera.far
         edges = camera.corner_slopes()
         slopes, across, along = frame.depth(edges), frame.lateral(edges), frame.along_light(edges)
         least, largest = slopes.min(), slopes.max()
-        # The frustum begins at the near or the far end of its lowest edge, and ends likewise.
+        # The frustum begins at the near or the far end of its lowest edge; likewise for the end.
         start, end = jnp.where(least > 0, n * least, f * least), jnp.where(largest > 0, f * largest, n * largest)
         _, flat = range_of(start, end, f * jnp.abs(slopes).max())
         ahead = f * (largest - least) + (f - n) * larger(least, 0)
@@ -84,7 +84,7 @@ class WholeFrustum(Receivers):
         h = (along * z).ravel()
         all_sides = Sides(every, every, right, left, h, h)
         footprint = Footprint(start, mu, axis, nearest, all_sides, moments, n, jnp.zeros((), bool), flat)
-        return footprint.lost_where(jnp.isinf(f))  # of a traced camera, which nothing could refuse
+        return footprint.lost_where(jnp.isinf(f))  # a traced camera cannot be refused earlier
 
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """See `Receivers`."""
@@ -101,7 +101,7 @@ class WholeFrustum(Receivers):
 
 
 def window_nodes(camera: Camera, measure: Measure, degree: int) -> tuple[Array, Array]:
-    """Points (x/z, y/z, 1) and weights, exact for polynomials of the degree in both; the axis for its measure."""
+    """Points (x/z, y/z, 1) and weights, exact for polynomials of the degree in both; the axis for measure "axis"."""
     if measure == "axis":
         return jnp.array([[0.0, 0.0, 1.0]], camera.window.dtype), jnp.ones((1,), camera.window.dtype)
     nodes, weights = unit_nodes(degree // 2 + 1, camera.window.dtype)

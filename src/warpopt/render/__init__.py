@@ -1,1 +1,1 @@
-"""Matrices to render with."""
+"""Matrices for rendering."""

@@ -1,4 +1,4 @@
-"""The matrix that takes world points into the warped shadow map, WI's product S_w = F W_p W_v R L_p L_v."""
+"""The matrix from world space to the warped shadow map, WI's product S_w = F W_p W_v R L_p L_v."""
 
 import dataclasses
 import functools
@@ -19,15 +19,15 @@ from ..views import SceneView, one_light
 
 @dataclasses.dataclass(frozen=True)
 class ClipSpace:
-    """What a graphics interface expects of clip coordinates (x, y, z, w).
+    """A graphics API's convention for clip coordinates (x, y, z, w).
 
     Texture coordinates (t, s) of the map, both in [0, 1], are ((x/w + 1)/2, (y/w + 1)/2), or (1 - y/w)/2 with `y_down`.
 
     Args:
         z_zero_to_one: z/w spans [0, 1] rather than [-1, 1].
         y_down: y/w grows towards the lower edge of the map.
-        reversed_z: what is nearest to the light has the largest z/w.
-        row_vectors: for p M rather than M p: the matrix is transposed.
+        reversed_z: the point nearest to the light has the largest z/w.
+        row_vectors: for p M instead of M p: the matrix is transposed.
 
     Example:
         >>> ClipSpace.vulkan().y_down
@@ -46,7 +46,7 @@ class ClipSpace:
 
     @classmethod
     def direct3d(cls, *, reversed_z: bool = False, row_vectors: bool = True) -> "ClipSpace":
-        """z in [0, 1], y up; row vectors unless said otherwise."""
+        """z in [0, 1], y up; row vectors by default."""
         return cls(True, False, reversed_z, row_vectors)
 
     @classmethod
@@ -65,25 +65,25 @@ def shadow_matrix(
 ) -> Float[Array, "4 4"]:
     """World to clip space of the shadow map, fitted to the receivers.
 
-    Every receiver lands in the map with w > 0, and so does every caster between the light and a receiver. `eta = 1`
-    gives the plain focused map, with w = 1 everywhere. All up to rounding: in single precision a camera 1e5 map widths
-    from the world's origin moves receivers by a tenth of a texel, as it does in any engine; give coordinates near it.
+    Every receiver, and every caster between the light and a receiver, is in the map with w > 0. `eta = 1` gives the
+    plain focused map, with w = 1 everywhere. All this holds up to rounding: in single precision a camera 1e5 map
+    widths from the world's origin moves receivers by a tenth of a texel, as in any engine; use coordinates near the
+    origin.
 
     Args:
         view: one camera, light and receivers; `SceneView.reduced` saves a second pass over the receivers.
-        warp: a warp, or a solution. One that was made for another body keeps its apex: see `Warp.over`.
-        clip_space: what the graphics interface expects; OpenGL's by default.
-        casters: (N, 3) world points of what casts shadows (the corners of the scene's box will do): the map's depth
-            begins at the one nearest to the light. By default it begins at the receivers.
-        padding: fractions of the map, along (t, s), to keep free at either edge: (1/width, 1/height) leaves room for
-            filters of a texel, and for `texel_snap`.
-
+        warp: a warp, or a solution. A warp made for another body keeps its apex: see `Warp.over`.
+        clip_space: the graphics API's convention; OpenGL's by default.
+        casters: (N, 3) world points that bound the shadow casters (such as the corners of the scene's box): the map's
+            depth begins at the point nearest to the light. By default it begins at the receivers.
+        padding: fractions of the map, along (t, s), left free at each edge: (1/width, 1/height) leaves a texel for
+            filters and for `texel_snap`.
     Raises:
         ValueError: for casters of a wrong shape or not finite, a padding outside [0, 1/2), or an apex that is not
             before the receivers (a matrix of NaN when traced).
 
-    First derivatives grow as 1/sin(theta); where light and view are parallel (see `LightFrame`) they are zero in what
-    turns W about the view.
+    First derivatives grow as 1/sin(theta); where light and view are parallel (see `LightFrame`), those with respect to
+    a rotation of W about the view are zero.
 
     Example:
         >>> import warpopt
@@ -130,7 +130,7 @@ def _matrix(
     turn = axes @ camera.rotation
     l_v = _affine(turn, -turn @ camera.position)
     l_p = jnp.diag(jnp.stack([1 / mu, 1 / mu, 1 / mu, jnp.ones_like(mu)]))
-    # R is the order of axes, which L_v has already: Z_w is the last. W_v: W's axis and near plane to the origin.
+    # R orders the axes, as L_v already does: Z_w is last. W_v: moves W's axis and near plane to the origin.
     w_v = _affine(jnp.eye(3, dtype=mu.dtype), -jnp.stack([footprint.axis, reference, footprint.start]) / mu)
     # W_p: (x, h, delta) to (x, h, delta) / A, with A = eta + (1 - eta) delta.
     w_p = jnp.eye(4, dtype=mu.dtype).at[3].set(jnp.stack([jnp.zeros_like(eta), jnp.zeros_like(eta), 1 - eta, eta]))
@@ -150,15 +150,15 @@ def _matrix(
 def texel_snap(
     matrix: Numbers, resolution: tuple[int, int], clip_space: ClipSpace | None = None
 ) -> Float[Array, "4 4"]:
-    """An unwarped shadow matrix moved by less than a texel, so that the world's origin lies on a texel's corner.
+    """An unwarped shadow matrix, shifted by less than a texel so that the world's origin lies on a texel corner.
 
-    Where the fit keeps its size (the whole frustum's does while the camera moves without turning) this keeps shadow
-    edges from crawling. There is no such thing for a warp, whose texels differ in size.
+    If the fit keeps its size (as the whole frustum's does while the camera moves without turning), shadow edges do not
+    crawl. This is impossible with a warp, as its texels differ in size.
 
     Args:
-        matrix: from `shadow_matrix` with eta = 1 and a padding of a texel, into which receivers may move.
+        matrix: from `shadow_matrix` with eta = 1 and a padding of a texel for the shift.
         resolution: texels along (t, s).
-        clip_space: the one that the matrix was made for.
+        clip_space: the one used for the matrix.
 
     Raises:
         ValueError: for a warped matrix, a wrong shape, or a resolution that is not two positive numbers.
@@ -193,7 +193,7 @@ def _checked_clip_space(clip_space: ClipSpace | None) -> ClipSpace:
 
 
 def _light_range(camera, frame: LightFrame, footprint: Footprint, eta: Array, casters) -> tuple[Array, Array, Array]:
-    """(reference, least, largest): of (l . c - reference)/A over receivers and the casters before them."""
+    """(reference, least, largest): of (l . c - reference)/A over receivers and the casters in front of them."""
     sides = footprint.sides
     there = jnp.isfinite(sides.light_least)
     first = jnp.where(there, sides.light_least, jnp.inf).min()
@@ -203,8 +203,8 @@ def _light_range(camera, frame: LightFrame, footprint: Footprint, eta: Array, ca
     end = jnp.where(there, sides.light_largest, last)
     if casters is not None:
         nearest = jnp.append(frame.along_light(camera.to_eye(casters)), first).min()
-        start = jnp.where(nearest < start, nearest, start)  # in the light's way to any receiver
-    # Any reference serves; the middle of the receivers keeps the digits of what is divided by a small A.
+        start = jnp.where(nearest < start, nearest, start)  # between the light and a receiver
+    # Any reference works; the middle of the receivers keeps accuracy in the division by a small A.
     reference = (first + last) / 2
     blends = [depth.blend(eta) for depth in (sides.depth, sides.farthest)]
     least = jnp.stack([(start - reference) / blend for blend in blends]).min()
@@ -217,7 +217,7 @@ def _affine(linear: Array, offset: Array) -> Array:
 
 
 def _to_clip(clip_space: ClipSpace, dtype) -> np.ndarray:
-    """From (t, depth, s, 1), the depth growing away from the light, to clip space."""
+    """From (t, depth, s, 1), the depth increasing away from the light, to clip space."""
     y = -1 if clip_space.y_down else 1
     low, high = (0, 1) if clip_space.z_zero_to_one else (-1, 1)
     if clip_space.reversed_z:

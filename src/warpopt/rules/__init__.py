@@ -1,6 +1,6 @@
-"""Rules for lambda that the literature and engines offer, to compare the optimum with.
+"""Rules for lambda from the literature and from engines, for comparison with the optimum.
 
-`registry` is the list; a function is loaded on first use, as in `warpopt` itself.
+`registry` lists them; a function is loaded on first use, as in `warpopt` itself.
 """
 
 import importlib

@@ -1,9 +1,9 @@
-"""The body that a rule is given: the whole view frustum, or the extents of receivers.
+"""The body that a rule receives: the whole view frustum, or the extents of receivers.
 
-Every rule but `tsm_alternative` is a formula in few numbers: the nearest and farthest eye depth (n, f), where the body
-begins along Z_w (y_min) and how far it reaches (d), theta, and the camera's half_fov. Engines take them from what is
-visible, and n or f here and there from the camera's own planes. A rule given a `Body` is applied as its source applies
-it; docs/corrections.md has whose n and f each takes.
+Every rule except `tsm_alternative` is a formula of a few numbers: the nearest and farthest eye depth (n, f), the start
+of the body along Z_w (y_min) and its length (d), theta, and the camera's half_fov. Engines compute them from the
+visible receivers, and sometimes use the camera's near or far plane for n or f. A rule given a `Body` is applied as in
+its source; docs/corrections.md lists the n and f of each.
 """
 
 from collections.abc import Callable
@@ -21,17 +21,17 @@ from ..theory.warp import Warp
 
 
 class Body(eqx.Module):
-    """Receivers as far as a rule for lambda knows them; takes the place of a rule's `frustum`.
+    """The extents of receivers that a rule for lambda needs; passed instead of a rule's `frustum`.
 
-    Lengths in any one unit, of shapes that broadcast; nothing is checked, as this is filled from a solution.
+    Lengths in any common unit, of shapes that broadcast; not checked, as the values come from a solution.
 
     Attributes:
         near, far: eye depths of the nearest and the farthest receiver.
         half_fov: of the camera along the warp, radians.
         start: least Z_w . c over the receivers, from the eye (`Footprint.start`).
         mu: their depth range along Z_w, > 0 (`Footprint.mu`).
-        camera_near, camera_far: distances of the camera's own planes, at most `near` and at least `far`. Filament's
-            hints count from the first, Scherzer's n is it, and OGRE's root is theirs.
+        camera_near, camera_far: distances of the camera's near and far plane, at most `near` and at least `far`. Used
+            by Filament (hints), Scherzer (n) and OGRE (the square root).
 
     Example:
         >>> import jax, warpopt
@@ -50,7 +50,7 @@ class Body(eqx.Module):
 
 
 class BodySpace(eqx.Module):
-    """What the rules read of `LightSpace`, for a `Body`."""
+    """The attributes of `LightSpace` that rules read, for a `Body`."""
 
     body: Body
     sin_theta: Float[Array, "..."]
@@ -87,11 +87,11 @@ class BodySpace(eqx.Module):
 
     @property
     def a_plus(self) -> Float[Array, "..."]:
-        """y_min / n where the body begins beyond the eye: PSM's lambda."""
+        """y_min / n if the body begins beyond the eye: PSM's lambda."""
         return jnp.where(self.body.start > 0, self.body.start, 0) / self.body.near
 
     def axis_depths(self) -> tuple[LightDepth, LightDepth]:
-        """Depths of the view axis' points at the nearest and farthest eye depth, in [0, 1] if the body holds them."""
+        """Depths of the view axis at the nearest and farthest eye depth, in [0, 1] if inside the body."""
 
         def at(z: Array) -> LightDepth:
             depth, body = z * self.sin_theta, self.body
@@ -110,14 +110,14 @@ def space_of(frustum: ViewFrustum | Body, theta: Numbers) -> LightSpace | BodySp
     return BodySpace(frustum, angle) if isinstance(frustum, Body) else _light_space(frustum, angle)
 
 
-# One function of its own: many rules in one program are then traced and lowered with it once.
+# A separate function, so that a program with many rules traces and lowers it only once.
 @jax.jit
 def _light_space(frustum: ViewFrustum, theta: Array) -> LightSpace:
     return LightSpace(frustum, theta)
 
 
 def camera_planes(frustum: ViewFrustum | Body) -> tuple[Array, Array]:
-    """Distances of the camera's own near and far plane: a frustum's are the body's."""
+    """Distances of the camera's near and far plane; those of a frustum are the body's."""
     return (frustum.camera_near, frustum.camera_far) if isinstance(frustum, Body) else (frustum.near, frustum.far)
 
 
@@ -136,6 +136,6 @@ def parameter(name: str, value: Numbers, frustum: ViewFrustum | Body, valid: Cal
     """A rule's parameter in the frustum's dtype.
 
     Raises:
-        ValueError: naming it, where it is not `valid`.
+        ValueError: the parameter is not `valid`.
     """
     return checked(name, jnp.asarray(value, frustum.near.dtype), valid, expected)

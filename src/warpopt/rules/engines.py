@@ -1,12 +1,12 @@
-"""The rules for lambda that engines use: functions (frustum, theta, ...) -> Warp; a `Body` may stand for the frustum.
+"""The rules for lambda used in engines: functions (frustum, theta, ...) -> Warp; a `Body` can replace the frustum.
 
-Each as in the source file named, at the commit named, rewritten as mathematics; the defaults are the engine's. A guard
-of the engine's ("uniform") gives no warp; a rule that yields no lambda > 0 gives no warp with `Warp.defined` False.
-Each raises a ValueError for theta outside [0, pi] and for a parameter out of its range. What a re-derivation of each
-found is in docs/corrections.md.
+Each follows the named source file and commit, rewritten as mathematics; the defaults are the engine's. Where an
+engine's guard disables the warp ("uniform"), eta = 1; a rule that yields no lambda > 0 gives eta = 1 with
+`Warp.defined` False. Each raises a ValueError for theta outside [0, pi] and for a parameter out of its range.
+docs/corrections.md has the result of re-deriving each.
 
-Notation: n, f near and far; g = theta, s = sin(g); d = mu, the body's extent along Z_w; y_min = d0, where it begins.
-Everything is in units of n, so that nothing overflows, and through mu / lambda, which is 0 for no warp.
+Notation: n, f near and far; g = theta, s = sin(g); d = mu, the body's length along Z_w; y_min = d0, its start.
+Everything is in units of n, so that nothing overflows, and uses mu / lambda, which is 0 for no warp.
 """
 
 import math
@@ -23,10 +23,10 @@ from .body import Body, BodySpace, camera_planes, parameter, space_of, warp_of_p
 
 
 def lispsm_paper(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
-    """The paper's rule with the body's own depth extent: lambda = (n + sqrt(n (n + d s))) / s, measured from y_min.
+    """The paper's rule with the body's depth extent: lambda = (n + sqrt(n (n + d s))) / s, measured from y_min.
 
     Equal E_p at both ends of the line through (y_min, z = n) along Z_w, which reaches eye depth n + d s. Wimmer,
-    Scherzer and Purgathofer 2004; VN and `lispsm` put f for n + d s, the same at theta = pi/2 alone.
+    Scherzer and Purgathofer 2004; VN and `lispsm` use f instead of n + d s, which is equal only at theta = pi/2.
 
     Example:
         >>> import warpopt
@@ -43,14 +43,14 @@ def filament(frustum: ViewFrustum | Body, theta: Numbers, near_hint: Numbers = 1
     """Google Filament: lambda = max(n0, n1), n0 = (n + sqrt(v0 v1)) / s, n1 = h / (2 - 3 h / (f - n)).
 
     v0 = max(n, near_hint) and v1 = min(f, far_hint, n + d s) are the depths that matter, h = max(near_hint - c, 0) with
-    c the camera's own near distance, which is n but for a `Body`. n0 equalises E_p at them; n1 minimises E_p E_q at v0,
-    for a light overhead and n = c. Uniform unless s > 0.02 and 3 h < 2 (f - n). filament/src/ShadowMap.cpp @0362f36,
-    which does not warp in its `stable` mode.
+    c the camera's near plane, which is n except for a `Body`. n0 equalises E_p at v0 and v1; n1 minimises E_p E_q at
+    v0, for a light overhead and n = c. Uniform unless s > 0.02 and 3 h < 2 (f - n). filament/src/ShadowMap.cpp
+    @0362f36, which does not warp in its `stable` mode.
 
     Args:
         frustum, theta: as for every rule.
-        near_hint: eye depth before which shadows do not matter, a length in the frustum's units (the engine's: m).
-        far_hint: eye depth beyond which they do not.
+        near_hint: eye depth below which shadows do not matter, a length in the frustum's units (the engine's: m).
+        far_hint: eye depth above which shadows do not matter.
 
     Raises:
         ValueError: also for hints that are not finite, a negative near_hint, or far_hint <= 0.
@@ -67,7 +67,7 @@ def filament(frustum: ViewFrustum | Body, theta: Numbers, near_hint: Numbers = 1
     s, m, x = space.sin_theta, space.mu_over_near, space.depth_range
     h = larger(near_hint - camera_planes(frustum)[0], 0) / space.near
     first, last = larger(1, near_hint / space.near), smaller(smaller(1 + x, far_hint / space.near), 1 + m * s)
-    # the roots one by one: the product could overflow single precision
+    # separate square roots: the product could overflow in float32
     equal = m * s / (1 + jnp.sqrt(first) * jnp.sqrt(last))
     hinted = h > 0
     stationary = m * (2 - 3 * (h / x)) / jnp.where(hinted, h, 1)
@@ -78,8 +78,8 @@ def filament(frustum: ViewFrustum | Body, theta: Numbers, near_hint: Numbers = 1
 def osg_lispsm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     """OpenSceneGraph's LiSPSM, and the paper authors' code of 2004: N = (z_n + sqrt(z_n (z_n + d s))) / s, z_n = n / s.
 
-    The apex is N - n before the eye, so that lambda = N - n + y_min; N >= 0.02 d. The second 1/s is a slip of units
-    (z_n a distance along Z_w, d s an eye depth): `osg_lispsm_corrected`.
+    The apex is N - n behind the eye along Z_w, so that lambda = N - n + y_min; N >= 0.02 d. The second 1/s is a
+    slip of units (z_n a distance along Z_w, d s an eye depth): `osg_lispsm_corrected`.
     src/osgShadow/LightSpacePerspectiveShadowMap.cpp @2e4ae2e.
 
     Example:
@@ -91,17 +91,18 @@ def osg_lispsm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     space = space_of(frustum, theta)
     square = space.sin_theta**2
     reach = space.mu_over_near * square
-    # times s^2, so that theta = 0 (lambda = inf) is a value like any other
+    # times s^2, so that theta = 0 (lambda = inf) needs no special case
     N = larger(1 + jnp.sqrt(1 + reach), 0.02 * reach)
     return warp_of_product(space, N + square * (space.start / space.near - 1), square)
 
 
 def osg_lispsm_corrected(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
-    """`osg_lispsm` in one unit: lambda = sqrt(n (n + d s)) / s + y_min.
+    """`osg_lispsm` with consistent units: lambda = sqrt(n (n + d s)) / s + y_min.
 
-    Equal E_p at eye depths n and n + d s on the line through the eye along Z_w, which is what the code's apex, set
-    relative to the eye, is for: along Z_w these are n / s and n / s + d from the eye. None where y_min is too far
-    behind the eye (theta < phi); `lispsm_paper` counts the same N from y_min and always gives a warp.
+    Equal E_p at eye depths n and n + d s on the line through the eye along Z_w, the purpose of the code's apex, which
+    is
+    set relative to the eye: along Z_w these are n / s and n / s + d from the eye. Undefined where y_min is too far
+    behind the eye (theta < phi); `lispsm_paper` measures the same N from y_min and always gives a warp.
 
     Example:
         >>> import warpopt
@@ -158,7 +159,7 @@ def openmw(frustum: ViewFrustum | Body, theta: Numbers, near_far_ratio: Numbers 
 def ogre(frustum: ViewFrustum | Body, theta: Numbers, adjust: Numbers = 0.1, threshold: Numbers = 0.451) -> Warp:
     """OGRE up to 13.5, its simple rule: lambda = (n + sqrt(c_n c_f)) k t, without any sin(theta).
 
-    c_n and c_f are the camera's own near and far distance, which are n and f but for a `Body`. t = 1 while
+    c_n and c_f are the camera's near and far plane, which are n and f except for a `Body`. t = 1 while
     |cos(g)| < c = cos(threshold), and 1 + 20 (|cos(g)| - c) / (1 - c) beyond.
     OgreMain/src/OgreShadowCameraSetupLiSPSM.cpp @00dd9a5.
 
@@ -183,7 +184,7 @@ def ogre(frustum: ViewFrustum | Body, theta: Numbers, adjust: Numbers = 0.1, thr
     # 1 - c without its cancellation for small angles
     tweak = 1 + 20 * larger(_cosine(space) - c, 0) / (2 * jnp.sin(angle / 2) ** 2)
     planes = camera_planes(frustum)
-    # the roots one by one: the product could overflow single precision
+    # separate square roots: the product could overflow in float32
     root = jnp.sqrt(planes[0] / space.near) * jnp.sqrt(planes[1] / space.near)
     lam = (1 + root) * k * tweak
     return Warp.from_range_ratio(space.mu_over_near / lam, space)
@@ -211,7 +212,7 @@ def veloren(frustum: ViewFrustum | Body, theta: Numbers, at_phi: Numbers = -0.2,
     angle = jnp.where(space.mirrored, math.pi - theta, theta)
     low = jnp.clip((angle - phi / 3) / (2 * phi / 3), 0, 1) * (math.pi / 2)
     high = jnp.clip((angle - phi) / (span * (math.pi / 2 - phi)), 0, 1) * (math.pi / 2)
-    # 1 - cos and 1 - sin as squares: e + 1 and -e keep their digits where they vanish
+    # 1 - cos and 1 - sin as squares: e + 1 and -e stay accurate near 0
     below = angle < phi
     minus_e = -at_phi * 2 * jnp.sin((math.pi / 2 - high) / 2) ** 2
     e_plus_1 = jnp.where(below, (1 + at_phi) * 2 * jnp.sin(low / 2) ** 2, 1 - minus_e)
@@ -225,8 +226,8 @@ def tsm_xray(
 ) -> Warp:
     """TSM in X-Ray (OpenXRay): lambda = d delta (1 + xi) / (1 - xi - 2 delta); uniform where |cos(g)| >= cutoff.
 
-    Maps the depth fraction delta of the body to s = (1 - xi) / 2, 0.8 of the map. A fixed fraction, where `tsm` takes
-    that of a point on the view axis. src/Layers/xrRender_R2/r2_R_sun.cpp @ec397af.
+    Maps the depth fraction delta of the body to s = (1 - xi) / 2, 0.8 of the map. The fraction is fixed, while `tsm`
+    uses that of a point on the view axis. src/Layers/xrRender_R2/r2_R_sun.cpp @ec397af.
 
     Args:
         frustum, theta: as for every rule.
@@ -254,10 +255,10 @@ def tsm_xray(
 def tsm_dagor(
     frustum: ViewFrustum | Body, theta: Numbers, delta: Numbers = 0.52, xi: Numbers = -0.6, cutoff: Numbers = 0.95
 ) -> Warp:
-    """TSM in Dagor: `tsm_xray` with its own numbers. prog/gameLibs/render/psm.cpp @3aaa489.
+    """TSM in Dagor: `tsm_xray` with other parameters. prog/gameLibs/render/psm.cpp @3aaa489.
 
     The engine then tries 15 values of xi in (-0.67, 0) each frame and keeps the one that gives a box of interest the
-    largest area; this is its start.
+    largest area; this is its initial value.
 
     Example:
         >>> import warpopt
@@ -274,6 +275,6 @@ def _cosine(space: LightSpace | BodySpace) -> Float[Array, "..."]:
 
 
 def _guarded(space: LightSpace | BodySpace, warps: Array, ratio: Array) -> Warp:
-    """The warp of mu / lambda where the engine warps at all; undefined where that is negative."""
+    """The warp of mu / lambda where the engine warps at all; undefined where mu / lambda is negative."""
     ratio = jnp.where(warps, ratio, 0)
     return Warp.from_range_ratio(ratio, space, ratio >= 0)

@@ -1,7 +1,7 @@
-"""The published rules for lambda: functions (frustum, theta) -> Warp; all but the last take a `Body` for the frustum.
+"""The published rules for lambda: functions (frustum, theta) -> Warp; all but the last accept a `Body` too.
 
-A rule that yields no lambda > 0 returns no warp with `Warp.defined` False. Each raises a ValueError for theta outside
-[0, pi]. Written through mu / lambda, which is finite for every rule and zero for no warp.
+A rule that yields no lambda > 0 returns no warp (eta = 1) with `Warp.defined` False. Each raises a ValueError for theta
+outside [0, pi]. The formulas use mu / lambda, which is finite for every rule and zero for no warp.
 """
 
 import jax.numpy as jnp
@@ -32,7 +32,7 @@ def ssm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
 def psm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     """Perspective shadow maps: lambda = n a, the apex at the eye; lambda = n at theta = pi/2 (AT09 section 2.1).
 
-    E_q is about 1 and E_p about z on the view axis: the generalised linear distribution. None for theta <= phi.
+    E_q is about 1 and E_p about z on the view axis: the generalised linear distribution. Undefined for theta <= phi.
 
     Example:
         >>> import warpopt
@@ -75,7 +75,7 @@ def scherzer(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     space = space_of(frustum, theta)
     s = space.sin_theta
     n = camera_planes(frustum)[0] / space.near
-    # multiplied by sin(theta), so that theta = 0 (lambda = inf) is a value like any other
+    # multiplied by sin(theta), so that theta = 0 (lambda = inf) needs no special case
     lam_sin = n + jnp.sqrt(n) * jnp.sqrt(n + space.mu_over_near) + s * (space.start / space.near - n)
     return warp_of_product(space, lam_sin, s)
 
@@ -83,8 +83,8 @@ def scherzer(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
 def minimum_norm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     """Generalised minimum norm on the view axis: E_p(z = n) = E_p(z = f) there, lambda = d0 + sin(theta) sqrt(n f).
 
-    The minimiser of the axis' L-inf norm is `optimal_warp`'s with `Objective("p", "inf", "axis")`; it
-    differs where the near end alone is stationary.
+    The minimiser of the axis' L-inf norm is `optimal_warp` with `Objective("p", "inf", "axis")`; it differs where only
+    the near end is stationary.
 
     Example:
         >>> import warpopt
@@ -100,7 +100,7 @@ def minimum_norm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
 def tsm(frustum: ViewFrustum | Body, theta: Numbers, kappa: Numbers = 0.5, xi: Numbers = 0.8) -> Warp:
     """Trapezoidal shadow maps: the axis point z = n + (f - n) kappa is mapped to s = xi; VN (16), corrected.
 
-    lambda = mu d_k (1 - xi) / (xi mu - d_k), d_k the point's light-space depth; none where it lies beyond xi mu.
+    lambda = mu d_k (1 - xi) / (xi mu - d_k), d_k the point's light-space depth; undefined where d_k is beyond xi mu.
 
     Raises:
         ValueError: kappa or xi outside (0, 1).
@@ -120,7 +120,7 @@ def tsm(frustum: ViewFrustum | Body, theta: Numbers, kappa: Numbers = 0.5, xi: N
 
 
 def tsm_alternative(frustum: ViewFrustum | Body, theta: Numbers, kappa: Numbers = 0.5) -> Warp:
-    """TSM's alternative for theta <= phi: the warp with the largest area of the map for the focus region; VN section 3.
+    """TSM's alternative for theta <= phi: the warp with the largest map area for the focus region; VN section 3.
 
     The focus region, eye depths up to z_k = n + (f - n) kappa, covers delta in [p, q], with middle m; the maximum of
     eta^2 A(m) / (A(p) A(q))^2 is the root of a cubic with one sign change (VN's factor 4 is 2; the argmax is the same).

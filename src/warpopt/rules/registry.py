@@ -1,7 +1,6 @@
-"""Every rule for lambda that warpopt knows: name, title, source, colour, and where its function is.
+"""All rules for lambda: name, title, source, colour, and the location of the function.
 
-Knows nothing of JAX until a rule is called, so that a configuration can be checked against the names, and refused,
-without waiting for it.
+Does not import JAX until a rule is called, so that a configuration's names can be checked without waiting for JAX.
 """
 
 import dataclasses
@@ -12,17 +11,17 @@ from typing import Any, Literal
 
 @dataclasses.dataclass(frozen=True)
 class Rule:
-    """A rule for lambda; called as its function is, (frustum, theta, **parameters) -> Warp.
+    """A rule for lambda; called like its function, (frustum, theta, **parameters) -> Warp.
 
     Attributes:
-        name: of the function, in tables and configurations.
-        title: in reports and figures.
+        name: of the function; used in tables and configurations.
+        title: for reports and figures.
         source: where it was published, or the engine's file and commit.
-        group: the module of `warpopt.rules` that has the function.
-        colour: of its curve. Okabe and Ito's palette: distinct under every common colour blindness; black is the
-            optimum's.
-        takes_body: whether a `Body` may stand for the frustum; not where a rule's focus region is a part of V.
-        follows: the rule that it nearly equals, beside which it is drawn, told apart by dashes.
+        group: the module of `warpopt.rules` that contains the function.
+        colour: of its curve, from Okabe and Ito's palette, which is distinct under common colour blindness; black is
+            the optimum's.
+        takes_body: whether a `Body` can replace the frustum; False if the rule's focus region is a part of V.
+        follows: a rule that it nearly equals; drawn next to it, with dashes.
 
     Example:
         >>> import warpopt
@@ -41,7 +40,7 @@ class Rule:
 
     @property
     def function(self) -> Callable[..., Any]:
-        """The rule itself; loads JAX."""
+        """The rule's function; loads JAX."""
         return getattr(importlib.import_module(f".{self.group}", __package__), self.name)
 
     def __call__(self, frustum: Any, theta: Any, **parameters: Any) -> Any:
@@ -79,5 +78,5 @@ EVERY = PUBLISHED | ENGINES
 
 
 def rule_title(name: str) -> str:
-    """A rule's name for people; a user's is its own."""
+    """A rule's title; a user rule's title is its name."""
     return EVERY[name].title if name in EVERY else name

@@ -1,1 +1,1 @@
-"""Scenes from files and formulas, in NumPy alone: depth images, glTF, a landscape, and the rasteriser between them."""
+"""Scenes from files and formulas, using NumPy only: depth images, glTF, a landscape, and a rasteriser."""

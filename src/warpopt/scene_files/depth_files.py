@@ -35,25 +35,25 @@ def read_depth_image(
     distance: str = "planar",
     window: tuple[float, float, float, float] | None = None,
 ) -> DepthImage:
-    """The depths of a file, whose background is inf if linear, 1 if standard and 0 if reversed.
+    """The depths in a file; background is inf if linear, 1 if standard and 0 if reversed.
 
     Args:
-        path: `.npy`, `.npz`, OpenEXR, `.pfm` or `.png`, known by its first bytes.
+        path: `.npy`, `.npz`, OpenEXR, `.pfm` or `.png`, recognised by its first bytes.
         encoding: "linear", "standard" or "reversed", see `warpopt.DepthBuffer`.
         channel, part: of an OpenEXR file, see `exr_files.read_exr`.
         key: of a `.npz` with more than one array.
-        scale: what the file's values are multiplied by, 0.001 for millimetres; integers need one.
-        background: values at or beyond it (at or before it if reversed) are background; after `scale`, before
-            `distance`. Infinity, 0 and negative values are background in any case of linear depth.
+        scale: factor for the file's values, such as 0.001 for millimetres; required for integers.
+        background: values at or beyond it (at or below it if reversed) are background; applied after `scale` and before
+            `distance`. In linear depth, infinity, 0 and negative values are always background.
         far: of the camera; linear eye depths at or beyond it are background.
-        nan_is_background: NaN is refused if not.
-        rows: "top_down" or "bottom_up", of what its format calls the first row (PFM, stored upwards, is upright).
+        nan_is_background: otherwise NaN is refused.
+        rows: "top_down" or "bottom_up": meaning of the format's first row (PFM, stored bottom-up, is already flipped).
         distance: "planar" or "ray", linear depth along the view or along each pixel's ray.
         window: slopes of the camera's side planes, for `distance="ray"`.
 
     Raises:
-        ValueError: in one sentence that names the file, what was got and what was expected.
-        OSError: for a file that cannot be read.
+        ValueError: one sentence that names the file, what was got and what was expected.
+        OSError: a file that cannot be read.
     """
     values, there = read_values(path, channel=channel, part=part, key=key)
     try:
@@ -68,11 +68,11 @@ def read_depth_image(
 def read_values(
     path: Path, *, channel: str | None = None, part: int | str | None = None, key: str | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(a file's values as they are, whether the file has one), each (height, width).
+    """(a file's unconverted values, which pixels have one), each (height, width).
 
     Raises:
-        ValueError: in one sentence, for what is no such file.
-        OSError: for a file that cannot be read.
+        ValueError: one sentence, for a file of another format.
+        OSError: a file that cannot be read.
     """
     with path.open("rb") as file:
         start = file.read(8)
@@ -110,7 +110,7 @@ def _npy(path: Path) -> np.ndarray:
 def _npz(path: Path, key: str | None) -> np.ndarray:
     try:
         archive = zipfile.ZipFile(path)
-    except Exception:  # a broken directory makes it say anything
+    except Exception:  # a broken directory can raise anything
         raise ValueError(f"{path}: cannot be read as .npz: got a broken archive") from None
     with archive:
         names = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
@@ -122,7 +122,7 @@ def _npz(path: Path, key: str | None) -> np.ndarray:
         info = next(iter(names.values())) if key is None else names[key]
         try:
             file = archive.open(info)
-        except Exception:  # encrypted, a method of its own, a broken header
+        except Exception:  # encrypted, unknown compression, or a broken header
             raise ValueError(f"{path}: cannot be read as .npz: got a broken or locked entry {info.filename}") from None
         with file:
             return _array(path, file, info.file_size)
@@ -135,21 +135,21 @@ def _array(path: Path, file: IO[bytes], size: int) -> np.ndarray:
             version = np.lib.format.read_magic(file)
             read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
             shape, turned, dtype = read(file)
-    except Exception:  # the header is a Python literal, and its parser says anything
+    except Exception:  # the header is a Python literal, whose parser can raise anything
         raise ValueError(f"{path}: cannot be read as .npy: got a broken header") from None
     if dtype.hasobject:
         raise ValueError(f"{path}: cannot be read as .npy: got Python objects, expected numbers")
     if dtype.kind not in "fiu":
         raise ValueError(f"{path}: got values of type {dtype}, expected real numbers")
     promised = dtype.itemsize
-    for length in shape:  # in Python's integers, which do not overflow
+    for length in shape:  # Python integers do not overflow
         promised *= length
-    # Compared before anything is made: a header of 100 bytes may promise terabytes.
+    # Checked before allocation: a header of 100 bytes may promise terabytes.
     if promised > size or min(shape, default=0) < 0:
         raise ValueError(f"{path}: cannot be read as .npy: got {size:,} bytes, expected {promised:,} of shape {shape}")
     try:
         content = file.read(promised)
-    except Exception:  # what a broken archive makes its decoder say
+    except Exception:  # a broken archive can raise anything
         content = b""
     if len(content) < promised:
         raise ValueError(f"{path}: cannot be read as .npy: got {len(content):,} bytes of values, expected {promised:,}")
@@ -170,7 +170,7 @@ def _picture(path: Path, kind: str) -> np.ndarray:
             fits = width * height <= _MOST_PIXELS
             if fits and (mode in ("F", "L") or mode.startswith("I")):
                 values = np.array(image)
-    except Exception:  # broken data makes it say anything
+    except Exception:  # broken data can raise anything
         raise ValueError(f"{path}: cannot be read as {kind}: got broken data, or colours") from None
     if not fits:
         raise ValueError(f"{path}: got {width} x {height} pixels, expected at most {_MOST_PIXELS:,}")
@@ -182,5 +182,5 @@ def _picture(path: Path, kind: str) -> np.ndarray:
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of large images, whose size is bounded here
+        warnings.simplefilter("ignore")  # warnings of large images, whose size is limited here
         yield

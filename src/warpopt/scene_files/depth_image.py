@@ -1,4 +1,4 @@
-"""Values of a depth image, as renderers write them, in one convention."""
+"""Depth images as renderers write them, converted to one convention."""
 
 import dataclasses
 from typing import Literal
@@ -11,16 +11,16 @@ _BACKGROUND = {"linear": np.inf, "standard": 1.0, "reversed": 0.0}
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DepthImage:
-    """Depths with one mark for background.
+    """Depths with one value for background.
 
     Attributes:
-        depth: (height, width), row 0 at the top: eye depth if `encoding` is "linear", or else values in [0, 1].
+        depth: (height, width), row 0 at the top: eye depth if `encoding` is "linear", otherwise values in [0, 1].
             Background is inf, 1 ("standard") or 0 ("reversed").
         encoding: see `warpopt.DepthBuffer`.
-        seen: how many pixels are no background.
-        smallest: the least value, background or not; the least that is finite and > 0 if linear; nan if there is none.
-        limit: values at or beyond which are background, and
-        limit_name: whether it is "far" or "background".
+        seen: number of pixels that are not background.
+        smallest: the least value, including background; if linear, the least that is finite and > 0; nan if none.
+        limit: values at or beyond it are background.
+        limit_name: "far" or "background", the setting that gave the limit.
     """
 
     depth: np.ndarray
@@ -31,7 +31,7 @@ class DepthImage:
     limit_name: str
 
     def why_blank(self) -> str | None:
-        """A sentence on why all is background; None if it is not."""
+        """A sentence on why all pixels are background; None if some are not."""
         if self.seen:
             return None
         count = f"all {self.depth.size:,} values are"
@@ -61,14 +61,14 @@ def decoded_image(
     distance: str = "planar",
     window: tuple[float, float, float, float] | None = None,
 ) -> DepthImage:
-    """A file's values in one convention. See `depth_files.read_depth_image`.
+    """A file's values in one convention; see `depth_files.read_depth_image`.
 
     Args:
         values: (height, width), real.
-        there: where the file has a value; everywhere if not given.
+        there: which pixels have a value; all if not given.
 
     Raises:
-        ValueError: for values that are NaN or outside the encoding's range, and for settings that do not go together.
+        ValueError: values that are NaN or outside the encoding's range, or incompatible settings.
     """
     for name, got, known in (
         ("encoding", encoding, tuple(_BACKGROUND)),
@@ -78,9 +78,9 @@ def decoded_image(
         if got not in known:
             raise ValueError(f"{name}: got {got!r}, expected one of {', '.join(map(repr, known))}")
     if distance == "ray" and (encoding != "linear" or window is None):
-        raise ValueError("distance: got 'ray', expected linear encoding and a window beside it")
+        raise ValueError("distance: got 'ray', expected linear encoding and a window with it")
     if scale is None and values.dtype.kind != "f":
-        raise ValueError(f"got integers ({values.dtype}), expected scale beside them (0.001 for millimetres)")
+        raise ValueError(f"got integers ({values.dtype}), expected a scale with them (0.001 for millimetres)")
     if scale is not None and not 0 < scale < np.inf:
         raise ValueError(f"scale: got {scale:g}, expected a finite number > 0")
     if background is not None and not background > 0 and encoding != "reversed":
@@ -88,7 +88,7 @@ def decoded_image(
     there = np.ones(values.shape, bool) if there is None else there
     if rows == "bottom_up":
         values, there = values[::-1], there[::-1]
-    with np.errstate(invalid="ignore", over="ignore"):  # NaN of all kinds, and what becomes infinite
+    with np.errstate(invalid="ignore", over="ignore"):  # signalling NaN, and overflow to infinity
         depth = values.astype(float)
         if scale is not None:
             depth = depth * scale
@@ -121,7 +121,7 @@ def _linear(
     distance: str,
     window: tuple[float, float, float, float] | None,
 ) -> DepthImage:
-    # NaN compares false, so that it is no depth either.
+    # NaN compares false, so it is not a depth either.
     real = (depth > 0) & (depth < np.inf) & ~empty
     smallest = float(depth[real].min()) if real.any() else np.nan
     marked = ~real
@@ -131,7 +131,7 @@ def _linear(
         if background < far:
             limit, name = background, "background"
     if distance == "ray":
-        assert window is not None  # which the caller looked at
+        assert window is not None  # the caller checked this
         depth = depth / ray_lengths(window, *depth.shape)
         if name == "far":
             smallest = float(depth[real].min()) if real.any() else np.nan
@@ -160,11 +160,11 @@ def pinhole_window(
         fx, fy: focal lengths in pixels.
         cx, cy: principal point in pixels, to the right and down from the top left.
         width, height: of the image in pixels.
-        first_centre: where the centre of the first pixel is: 0.5 where the image begins at 0, so that the middle is
-            width / 2; 0 where pixels' centres are integers, as in OpenCV, so that the middle is (width - 1) / 2.
+        first_centre: position of the first pixel's centre: 0.5 if the image begins at 0, so that the middle is
+            width / 2; 0 if pixel centres are integers, as in OpenCV, so that the middle is (width - 1) / 2.
 
     Raises:
-        ValueError: for numbers that are not finite, or not positive where they must be.
+        ValueError: numbers that are not finite, or not positive where required.
     """
     for name, value, positive in (
         ("fx", fx, True), ("fy", fy, True), ("cx", cx, False), ("cy", cy, False), ("width", width, True),

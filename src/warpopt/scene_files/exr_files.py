@@ -16,18 +16,18 @@ _Result = TypeVar("_Result")
 
 
 def read_exr(path: Path, channel: str | None = None, part: int | str | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """(values, whether the file has one) over the display window, each (height, width), row 0 at the top.
+    """(values, which pixels have one) over the display window, each (height, width), row 0 at the top.
 
-    Pixels of the display window that the data window lacks have no value; those beyond it are cropped.
+    Pixels of the display window outside the data window have no value; pixels outside the display window are cropped.
 
     Args:
         path: of the file.
-        channel: its whole name, or a layer's name before ".Z"; by default Z, or else the only layer's Z, or else the
+        channel: its full name, or a layer's name before ".Z"; by default Z, otherwise the only layer's Z, otherwise the
             only channel.
         part: name or index; by default the first that has the channel.
 
     Raises:
-        ValueError: in one sentence, for a file or channel that cannot be read.
+        ValueError: one sentence, for a file or channel that cannot be read.
     """
     try:
         import OpenEXR
@@ -36,7 +36,7 @@ def read_exr(path: Path, channel: str | None = None, part: int | str | None = No
             f"{path}: got an OpenEXR file, expected the package OpenEXR to read it with: pip install 'warpopt[scene]'"
         ) from None
     try:
-        # The header first: what it declares is bounded before room is made for it.
+        # The header first: its declared sizes are checked before memory is allocated.
         headers = _read(OpenEXR, path, True, lambda parts: [_Header.of(part) for part in parts])
         index, wanted = _chosen(path, headers, channel, part)
         data, display = (_size(path, *named) for named in headers[index].windows.items())
@@ -51,7 +51,7 @@ def read_exr(path: Path, channel: str | None = None, part: int | str | None = No
         )
     across, down, width, height = display
     whole, there = np.zeros((height, width), values.dtype), np.zeros((height, width), bool)
-    # The rectangle that both windows have, in pixels of each.
+    # The intersection of both windows, in pixel indices of each.
     first = max(left, across), max(top, down)
     last = min(left + data[2], across + width), min(top + data[3], down + height)
     if first[0] < last[0] and first[1] < last[1]:
@@ -62,12 +62,12 @@ def read_exr(path: Path, channel: str | None = None, part: int | str | None = No
 
 
 class _BrokenError(Exception):
-    """What the reader stumbles over, whatever it says."""
+    """Any error of the reader."""
 
 
 @dataclasses.dataclass(frozen=True)
 class _Header:
-    """Of a part: its name, its channels, and the corners (left, top, right, bottom) of its windows."""
+    """A part's name, its channels, and the corners (left, top, right, bottom) of its windows."""
 
     name: str
     channels: list[str]
@@ -81,14 +81,14 @@ class _Header:
 
 
 def _read(reader: Any, path: Path, header_only: bool, use: Callable[[list[Any]], _Result]) -> _Result:
-    """What `use` makes of the file's parts."""
+    """The result of `use` for the file's parts."""
     printed = io.StringIO()
     try:
-        # The reader tells of broken pixels on the terminal alone, and then gives a file without parts.
+        # The reader reports broken pixels only on the terminal, and then returns a file without parts.
         with contextlib.redirect_stdout(printed), _silent():
             parts = list(reader.File(str(path), separate_channels=True, header_only=header_only).parts)
             result = use(parts)
-    except Exception:  # it has no error class of its own, and decodes names as they are asked for
+    except Exception:  # it has no error class, and decodes names only on access
         raise _BrokenError from None
     if not parts or "Exception" in printed.getvalue():
         raise _BrokenError
@@ -97,10 +97,10 @@ def _read(reader: Any, path: Path, header_only: bool, use: Callable[[list[Any]],
 
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
-    """Nothing on standard error from code that is not Python's."""
+    """Suppress standard error of code that is not Python's."""
     try:
         kept = os.dup(2)
-    except OSError:  # there is none
+    except OSError:  # there is no standard error
         yield
         return
     nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -123,7 +123,7 @@ def _chosen(path: Path, headers: list[_Header], channel: str | None, part: int |
         if not asked:
             there = ", ".join(repr(header.name) for header in headers)
             raise ValueError(f"{path}: got part(s) {there}, expected {part!r} among them")
-    # A lone channel is depth only if no part has a Z.
+    # A single channel is depth only if no part has a Z.
     for lone in (False, True):
         for index in asked:
             found = _candidates(headers[index].channels, channel, lone)
@@ -140,7 +140,7 @@ def _candidates(names: list[str], channel: str | None, lone: bool) -> list[str]:
         return [name for name in (channel, f"{channel}.Z") if name in names][:1]
     if lone:
         return names if len(names) == 1 else []
-    # Beside an X, Z is a component of a normal or a position.
+    # Next to an X, Z is a component of a normal or a position.
     depths = [name for name in names if name.split(".")[-1] == "Z" and f"{name[:-1]}X" not in names]
     return ["Z"] if "Z" in depths else depths
 
@@ -155,11 +155,11 @@ def _size(path: Path, key: str, corners: tuple[int, ...]) -> tuple[int, int, int
 
 
 def _pixels(pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(values, whether there is one) over the data window."""
+    """(values, which pixels have one) over the data window."""
     pixels = np.asarray(pixels)
     if pixels.dtype != object:
         return pixels, np.ones(pixels.shape, bool)
-    # Deep: a list of samples for each pixel, in no order, or none.
+    # Deep: a list of samples for each pixel, unordered and possibly empty.
     held = np.array([samples is not None and len(samples) > 0 for samples in pixels.flat], bool).reshape(pixels.shape)
     nearest = np.zeros(pixels.shape)
     nearest[held] = [np.min(samples) for samples in pixels[held]]

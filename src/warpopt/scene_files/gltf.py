@@ -1,8 +1,8 @@
-"""glTF files: the triangles that they show, their cameras and their directional lights.
+"""glTF files: their visible triangles, cameras and directional lights.
 
-Everything that moves a vertex is honoured or refused: accessors of all kinds, node transforms, skins in the file's
-pose, morph targets at their default weights, and the extensions in `gltf_extensions`. Materials and textures are not
-read but for a material's name and whether it is masked.
+Everything that moves a vertex is applied or refused: accessors of all kinds, node transforms, skins in the file's
+pose, morph targets at their default weights, and the extensions in `gltf_extensions`. Textures are not read; of
+materials, only the name and whether it is masked.
 """
 
 import contextlib
@@ -24,14 +24,13 @@ def read_geometry(
 
     Args:
         path: a `.gltf` or `.glb` file of version 2.
-        include, exclude: patterns such as "Sky*" of the names of nodes, with all below them, and of materials;
-            capital and small letters are the same. What matches `exclude` is left out; with `include`, only what
-            matches is read.
-        most_triangles: that are made; 72 bytes each. Instances multiply.
+        include, exclude: patterns such as "Sky*" for the names of nodes (with all nodes below them) and of materials,
+            not case-sensitive. Matches of `exclude` are left out; with `include`, only matches are read.
+        most_triangles: maximum number, at 72 bytes each, counting every instance.
 
     Raises:
-        ValueError: in one sentence that names the file, the node and the reason.
-        OSError: for a file that cannot be read.
+        ValueError: one sentence that names the file, the node and the reason.
+        OSError: a file that cannot be read.
     """
     with _told(path):
         return geometry_of(Document(path), tuple(include), tuple(exclude), most_triangles)
@@ -45,23 +44,23 @@ def read_gltf_camera(path: Path, which: int | str = 0) -> GltfCamera:
         which: the name of the camera or its node, or an index among the nodes with a camera, depth first.
 
     Raises:
-        ValueError: in one sentence, for a file without this camera, or one that is broken.
-        OSError: for a file that cannot be read.
+        ValueError: one sentence, for a file without this camera, or a broken one.
+        OSError: a file that cannot be read.
     """
     with _told(path):
         return camera_of(Document(path), which)
 
 
 def read_light(path: Path, which: int | str | None = None) -> tuple[float, float, float]:
-    """The world direction in which a directional light of the default scene travels, of length 1.
+    """The world direction of a directional light of the default scene, of length 1.
 
     Args:
         path: a `.gltf` or `.glb` file of version 2.
-        which: the name of the light or its node, or an index; not needed where there is one.
+        which: the name of the light or its node, or an index; optional if there is only one.
 
     Raises:
-        ValueError: in one sentence, for a file without this light.
-        OSError: for a file that cannot be read.
+        ValueError: one sentence, for a file without this light.
+        OSError: a file that cannot be read.
     """
     with _told(path):
         return light_of(Document(path), which)
@@ -69,7 +68,7 @@ def read_light(path: Path, which: int | str | None = None) -> tuple[float, float
 
 @contextlib.contextmanager
 def _told(path: Path) -> Iterator[None]:
-    """Give a flaw the file's path."""
+    """Add the file's path to errors."""
     try:
         yield
     except GltfError as error:

@@ -7,8 +7,8 @@ from .gltf_item import GltfError, Item
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _TYPES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-_MOST_ZEROS = 1 << 28  # bytes of an accessor that the file has no bytes for
-# A block of 256 elements takes two bits of each byte's column at least (version 1 of the format), a triangle one byte.
+_MOST_ZEROS = 1 << 28  # limit in bytes for an accessor without data in the file
+# A block of 256 elements takes at least two bits per byte column (version 1 of the format), a triangle one byte.
 _MOST_COMPRESSED = 1024
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 _MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
@@ -16,25 +16,25 @@ _FILTERS = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
 
 
 class Accessors:
-    """The accessors of a document; what was decompressed is kept."""
+    """The accessors of a document; decompressed data is cached."""
 
     def __init__(self, document: Document):
         self._document = document
         self._decompressed: dict[int, np.ndarray] = {}
 
     def count(self, item: Item, key: str) -> int:
-        """How many elements the accessor has that `key` refers to."""
+        """The number of elements of the accessor that `key` refers to."""
         return self._accessor(item, key).integer("count", least=1)
 
     def floats(self, item: Item, key: str, kind: str) -> np.ndarray:
-        """(count, size) numbers: integers as what they stand for.
+        """(count, size) numbers; integers are converted to the values that they represent.
 
         Args:
-            item, key: what refers to the accessor.
+            item, key: the object and key that refer to the accessor.
             kind: "VEC3" and so on.
 
         Raises:
-            GltfError: naming the flaw.
+            GltfError: names the error.
         """
         accessor = self._accessor(item, key)
         return real(self._values(accessor, kind), accessor)
@@ -48,7 +48,7 @@ class Accessors:
         return values
 
     def accessor(self, item: Item, key: str) -> Item:
-        """What `key` refers to."""
+        """The accessor that `key` refers to."""
         return self._accessor(item, key)
 
     def _accessor(self, item: Item, key: str) -> Item:
@@ -128,16 +128,16 @@ class Accessors:
             ) from None
         try:
             unpacked = meshopt.decode_gltf_buffer(bytes(content), count, step, mode, filter_)
-        except Exception:  # whatever broken data makes the decoder say
+        except Exception:  # broken data can raise anything
             raise GltfError(f"{packed.where}: got data that cannot be decompressed, expected {name}") from None
         return np.ascontiguousarray(unpacked).view(np.uint8).reshape(-1)
 
 
 def real(values: np.ndarray, accessor: Item) -> np.ndarray:
-    """An accessor's values as numbers, integers normalised where it says so."""
+    """An accessor's values as numbers, integers normalised if it is marked so."""
     if values.dtype.kind == "f" or not accessor.flag("normalized", False):
         return values if values.dtype.kind == "f" else values.astype(float)
-    # The lowest signed integer has no positive counterpart, and stands for -1 as the one above it does.
+    # The lowest signed integer has no positive counterpart; like the next one, it means -1.
     return np.maximum(values / np.iinfo(values.dtype).max, -1)
 
 

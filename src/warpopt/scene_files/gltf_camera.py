@@ -10,7 +10,7 @@ from .gltf_item import GltfError, Item
 from .gltf_nodes import Node, Nodes
 from .scene_camera import SceneCamera, centred_window, unit
 
-_SHEAR = 1e-4  # single precision, and a chain of nodes
+_SHEAR = 1e-4  # allows for single precision in a chain of nodes
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -18,12 +18,12 @@ class GltfCamera:
     """A camera of a file.
 
     Attributes:
-        name: its node's, or else its own; for messages.
+        name: the node's, otherwise the camera's; for messages.
         kind: "perspective" or "orthographic".
         position, rotation: as in `SceneCamera`.
         near, far: of the planes; `far` is inf for a perspective without one.
         half_fov: half the vertical field of view, in radians; None if orthographic.
-        aspect: width over height; None where the file leaves it open.
+        aspect: width over height; None if the file does not give it.
         half_size: half the width and height of an orthographic view; None if perspective.
     """
 
@@ -41,7 +41,7 @@ class GltfCamera:
         """A perspective camera for the rasteriser, whose `far` may be inf.
 
         Raises:
-            ValueError: for another kind.
+            ValueError: another kind.
         """
         if self.half_fov is None:
             raise ValueError(f"camera {self.name!r}: got type {self.kind!r}, expected 'perspective'")
@@ -141,7 +141,7 @@ def _camera(node: Node, lens: Item) -> GltfCamera:
 
 
 def _orientation(node: Node) -> np.ndarray:
-    """Rows right, up and forward: a camera looks along -z of its node, whose scale does not count."""
+    """Rows right, up and forward: a camera looks along -z of its node, whose scale is ignored."""
     turn = node.world[:3, :3]
     with np.errstate(over="ignore", invalid="ignore"):
         sizes = np.sqrt((turn * turn).sum(0))
@@ -151,7 +151,7 @@ def _orientation(node: Node) -> np.ndarray:
     shear = max(abs(right @ up), abs(up @ back), abs(back @ right))
     if shear > _SHEAR:
         raise GltfError(f"{node.item.where}: got a camera in a sheared space, expected right angles")
-    # Orthonormal to all digits, the view direction kept and the file's own hand too.
+    # Orthonormalised to rounding; keeps the view direction and the handedness.
     up = unit(up - (up @ back) * back)
     side = np.cross(up, back)
     return np.stack([side if side @ right > 0 else -side, up, -back])

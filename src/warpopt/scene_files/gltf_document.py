@@ -1,7 +1,7 @@
-"""A glTF file: its JSON, what refers to what, and the bytes of its buffers.
+"""A glTF file: its JSON, references between objects, and the bytes of its buffers.
 
-The JSON is read as it is: pygltflib (1.16.5) turns 0.7 into the index 0, drops what it has no field for, and takes 70
-times as long.
+The JSON is parsed directly: pygltflib (1.16.5) turns 0.7 into the index 0, drops unknown fields, and takes 70 times as
+long.
 """
 
 import base64
@@ -21,7 +21,7 @@ _KINDS = {"bufferViews": "buffer view", "meshes": "mesh"}
 
 
 class Document:
-    """A file, parsed.
+    """A parsed file.
 
     Attributes:
         path: of the file.
@@ -32,8 +32,8 @@ class Document:
         """Read the file.
 
         Raises:
-            GltfError: for what is no glTF of version 2.
-            OSError: for a file that cannot be read.
+            GltfError: a file that is not glTF of version 2.
+            OSError: a file that cannot be read.
         """
         self.path = path
         text, self._binary = _chunks(path.read_bytes())
@@ -51,14 +51,14 @@ class Document:
         self._buffers: dict[int, memoryview] = {}
 
     def count(self, kind: str) -> int:
-        """How many there are of "nodes", "meshes" and so on."""
+        """The number of "nodes", "meshes" and so on."""
         value = self.root.data.get(kind, [])
         if not isinstance(value, list):
             raise self.root.refused(kind, "a list")
         return len(value)
 
     def item(self, kind: str, index: int) -> Item:
-        """One of them."""
+        """The object of a kind with an index."""
         value = self.root.data[kind][index]
         singular = _KINDS.get(kind, kind[:-1])
         if not isinstance(value, dict):
@@ -67,10 +67,10 @@ class Document:
         return Item(value, f"{singular} {index}" + (f" {short(name)}" if isinstance(name, str) and name else ""))
 
     def index(self, item: Item, key: str, kind: str) -> int:
-        """What `key` of an item refers to, checked.
+        """The checked index that `key` of an item refers to.
 
         Raises:
-            GltfError: if it is missing or out of range.
+            GltfError: missing or out of range.
         """
         there = self.count(kind)
         index = item.integer(key)
@@ -79,7 +79,7 @@ class Document:
         return index
 
     def indices(self, item: Item, key: str, kind: str) -> list[int]:
-        """What a list refers to, checked; empty if it is missing."""
+        """The checked indices in a list; empty if it is missing."""
         value = item.data.get(key, [])
         if not isinstance(value, list):
             raise item.refused(key, f"a list of {kind}")
@@ -90,7 +90,7 @@ class Document:
         return self.item(kind, self.index(item, key, kind)) if key in item else None
 
     def slice(self, item: Item) -> memoryview:
-        """The bytes of a buffer view, or of what has the same keys."""
+        """The bytes of a buffer view, or of an object with the same keys."""
         buffer = self._buffer(self.index(item, "buffer", "buffers"))
         start, size = item.integer("byteOffset", 0), item.integer("byteLength", least=1)
         if start + size > len(buffer):
@@ -168,8 +168,8 @@ def _parsed(text: bytes) -> Any:
         raise GltfError(
             f"got text that is not JSON at line {error.lineno}, column {error.colno}, expected glTF"
         ) from None
-    except (ValueError, RecursionError):  # a number of thousands of digits, brackets within brackets without end
-        raise GltfError("got JSON with a number or a nesting without measure, expected glTF") from None
+    except (ValueError, RecursionError):  # a number with thousands of digits, or very deep nesting
+        raise GltfError("got JSON with a number that is too long or nesting that is too deep, expected glTF") from None
 
 
 def _data_uri(item: Item, uri: str) -> bytes:

@@ -1,6 +1,6 @@
-"""Which glTF extensions are read, which have no part in where the triangles are, and which are refused.
+"""glTF extensions that are read, that do not affect triangle positions, or that are refused.
 
-After the registry of KhronosGroup/glTF: ratified, multi-vendor and vendor extensions.
+Based on the registry of KhronosGroup/glTF: ratified, multi-vendor and vendor extensions.
 """
 
 from .gltf_document import Document
@@ -13,7 +13,7 @@ READ = frozenset(
     }
 )  # fmt: skip
 
-# Looks, sound, data about data, other shapes for the same triangles: a file may require them and is drawn the same.
+# Appearance, sound, metadata, other forms of the same triangles: a file may require them and is still drawn the same.
 _HARMLESS_STARTS = (
     "ADOBE_materials_", "EXT_lights_", "EXT_materials_", "EXT_texture_", "KHR_audio", "KHR_lights_", "KHR_materials_",
     "KHR_texture_", "MSFT_packing_", "MSFT_texture_", "OMI_audio", "OMI_physics",
@@ -28,7 +28,7 @@ _HARMLESS = frozenset(
     }
 )  # fmt: skip
 
-# They move or make what is drawn, so a file that uses them is not what it is without them.
+# They move or create geometry, so a file that uses them cannot be drawn correctly without them.
 _MOVING = {
     "AGI_articulations": "its nodes stand where their articulations put them",
     "CESIUM_RTC": "its positions are relative to a centre",
@@ -45,10 +45,10 @@ _MOVING = {
 
 
 def check_extensions(document: Document) -> tuple[str, ...]:
-    """Names of extensions that are used, not required and not known here.
+    """Names of used extensions that are not required and not known here.
 
     Raises:
-        GltfError: for one that is required and not known, or that moves vertices in a way that is not read.
+        GltfError: a required extension is unknown, or one moves vertices in an unsupported way.
     """
     required = document.root.texts("extensionsRequired")
     used = sorted({*required, *document.root.texts("extensionsUsed")})

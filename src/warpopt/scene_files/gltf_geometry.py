@@ -1,4 +1,4 @@
-"""All triangles that a glTF file shows, in world space, and a report of what was left out."""
+"""All visible triangles of a glTF file in world space, and a report of what was left out."""
 
 import dataclasses
 import fnmatch
@@ -15,17 +15,17 @@ from .gltf_primitives import FAN, LINES, POINTS, TRIANGLES, Primitive, read_prim
 
 @dataclasses.dataclass(frozen=True)
 class GltfReport:
-    """What was read of a file and what was not. Names are those of nodes, or of materials.
+    """What was read and left out of a file. Names are those of nodes or materials.
 
     Attributes:
-        triangles: how many there are.
-        points, lines: primitives of them, which are left out.
-        without_position: primitives that have none, which are left out.
+        triangles: their number.
+        points, lines: number of such primitives, which are left out.
+        without_position: number of primitives without positions, which are left out.
         hidden: nodes with a mesh that are not visible in the file.
         excluded: nodes and materials that the caller left out.
-        masked, blended: materials with holes or see-through, whose triangles count as opaque.
-        unmatched: patterns that no node and no material has.
-        unknown_extensions: used, but not required, and not known here.
+        masked, blended: materials with holes or transparency, whose triangles count as opaque.
+        unmatched: patterns that match no node and no material.
+        unknown_extensions: extensions used, but not required, and not known here.
     """
 
     triangles: int
@@ -40,7 +40,7 @@ class GltfReport:
     unknown_extensions: tuple[str, ...] = ()
 
     def notes(self) -> tuple[str, ...]:
-        """A sentence for everything that a user may not expect."""
+        """Sentences about everything that may surprise a user."""
         found = [
             (self.points, f"{_counted(self.points, 'primitive')} of points left out"),
             (self.lines, f"{_counted(self.lines, 'primitive')} of lines left out"),
@@ -69,7 +69,7 @@ def geometry_of(
     """See `gltf.read_geometry`.
 
     Raises:
-        GltfError: naming the flaw.
+        GltfError: names the error.
     """
     return _Collection(document, include, exclude, most_triangles).geometry()
 
@@ -85,7 +85,7 @@ class _Collection:
         self._parts: list[np.ndarray] = []
         self._promised = 0
         self._points = self._lines = self._bare = 0
-        # Dictionaries keep the order, and each name once.
+        # Dictionaries keep order without duplicates.
         self._hidden, self._excluded, self._masked, self._blended, self._matched = ({} for _ in range(5))
 
     def geometry(self) -> GltfGeometry:
@@ -110,7 +110,7 @@ class _Collection:
         try:
             self._add_mesh(node)
         except GltfError as error:
-            # What a part of the file is wrong about is told with the node that shows it.
+            # Errors in parts of the file are reported with the node that shows them.
             told = str(error)
             raise GltfError(told if told.startswith(node.item.where) else f"{node.item.where}: {told}") from None
 
@@ -165,7 +165,7 @@ class _Collection:
         return False
 
     def _like(self, names: list[str], patterns: tuple[str, ...]) -> bool:
-        # All patterns, so that each is known to have matched something.
+        # Test all patterns, so that matches are recorded for each.
         hits = [p for p in patterns if any(fnmatch.fnmatchcase(n.lower(), p.lower()) for n in names if n)]
         self._matched.update(dict.fromkeys(hits, True))
         return bool(hits)
@@ -183,16 +183,16 @@ class _Collection:
                 world = skinned(primitive, skin, item.where)[None]
             else:
                 vertices = primitive.vertices.astype(float)
-                # Not `@`: threads of a matrix library take ten times as long over so small a matrix.
+                # Not `@`: a multithreaded BLAS takes ten times as long for such a small matrix.
                 world = np.einsum("kij,vj->kvi", places[:, :3, :3], vertices) + places[:, None, :3, 3]
         corners = world.take(primitive.triangles, axis=1).reshape(-1, 3, 3)
-        # All vertices first, which are fewer; one that no triangle has may be anything.
+        # Transform all vertices first, as they are fewer; vertices without a triangle may have any value.
         if not np.isfinite(world).all() and not np.isfinite(corners).all():
             raise GltfError(f"{item.where}: got vertices that are NaN or infinite, expected finite ones")
         self._parts.append(corners)
 
     def _skin(self, index: int) -> np.ndarray:
-        """(J, 4, 4), from the mesh's space to the world by each joint."""
+        """(J, 4, 4), mesh space to world for each joint."""
         if index not in self._skins:
             skin = self._document.item("skins", index)
             joints = self._document.indices(skin, "joints", "nodes")

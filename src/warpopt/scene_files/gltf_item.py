@@ -1,4 +1,4 @@
-"""Objects of a glTF file's JSON, every value checked as it is asked for."""
+"""Objects of a glTF file's JSON; every value is checked on access."""
 
 import dataclasses
 import json
@@ -9,7 +9,7 @@ import numpy as np
 
 
 class GltfError(ValueError):
-    """A flaw in a file, told without the file's path."""
+    """An error in a file; the message lacks the file's path."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -17,8 +17,8 @@ class Item:
     """A JSON object of the file.
 
     Attributes:
-        data: what the file says.
-        where: what it is, for messages.
+        data: the JSON object.
+        where: its name in messages.
     """
 
     data: dict[str, Any]
@@ -28,7 +28,7 @@ class Item:
         return key in self.data
 
     def refused(self, key: str, expected: str) -> GltfError:
-        """That the value of `key` is not what was expected."""
+        """The error for an unexpected value of `key`."""
         if key not in self.data:
             return GltfError(f"{self.where}: got no {key}, expected {expected}")
         return GltfError(f"{self.where}: got {key} {short(self.data[key])}, expected {expected}")
@@ -117,6 +117,6 @@ def _is_finite(value: Any) -> bool:
 
 
 def short(value: Any) -> str:
-    """A value in a message."""
+    """A value for a message, shortened."""
     text = json.dumps(value, ensure_ascii=False) if not isinstance(value, str) else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -1,4 +1,4 @@
-"""The nodes of a glTF file: which of them the scene shows, and where each stands."""
+"""The nodes of a glTF file: which ones the scene shows, and their transforms."""
 
 import dataclasses
 
@@ -9,7 +9,7 @@ from .gltf_document import Document
 from .gltf_item import GltfError, Item
 
 _INSTANCED = "EXT_mesh_gpu_instancing"
-# A unit quaternion in signed bytes may be off by 1 %; twice the length is another thing.
+# A unit quaternion in signed bytes may be off by 1 %; twice the length is an error.
 _UNIT = 0.05
 
 
@@ -18,9 +18,9 @@ class Node:
     """A node that the scene shows.
 
     Attributes:
-        item: what the file says of it.
+        item: the node's JSON object.
         world: (4, 4), node to world.
-        visible: as `KHR_node_visibility` has it, by itself and all above it.
+        visible: by `KHR_node_visibility` of the node and all its ancestors.
         above: its parent; None for a root.
     """
 
@@ -30,7 +30,7 @@ class Node:
     above: "Node | None"
 
     def names(self) -> list[str]:
-        """Its own name and those of the nodes above it."""
+        """The node's name and those of its ancestors."""
         names, node = [], self
         while node is not None:
             names.append(node.item.text("name"))
@@ -42,8 +42,8 @@ class Nodes:
     """The node tree of a document.
 
     Attributes:
-        shown: the nodes of the default scene, depth first; of the first scene where no default is named, and all
-            where there is no scene.
+        shown: the nodes of the default scene, depth first; of the first scene if no default is named, and all nodes if
+            there is no scene.
         worlds: (4, 4) of every node.
     """
 
@@ -51,7 +51,7 @@ class Nodes:
         """Walk the tree.
 
         Raises:
-            GltfError: for nodes that are no tree, or a transform that is none.
+            GltfError: nodes that are not a tree, or an invalid transform.
         """
         items = [document.item("nodes", i) for i in range(document.count("nodes"))]
         children = [document.indices(item, "children", "nodes") for item in items]
@@ -89,7 +89,7 @@ def instances(node: Item, accessors: Accessors) -> np.ndarray | None:
     """(K, 4, 4), instance to node; None for a node that is not instanced.
 
     Raises:
-        GltfError: for attributes of different counts, or none.
+        GltfError: attributes of different counts, or none.
     """
     extension = node.extension(_INSTANCED)
     if extension is None:
@@ -127,7 +127,7 @@ def _roots(document: Document, items: list[Item], parent: dict[int, int]) -> lis
 
 
 def _placed(item: Item, above: Node | None) -> Node:
-    # Broken numbers may overflow; what is not finite is refused where it is used.
+    # Broken numbers may overflow; non-finite values are refused where they are used.
     with np.errstate(over="ignore", invalid="ignore"):
         local = _local(item)
         world = local if above is None else above.world @ local

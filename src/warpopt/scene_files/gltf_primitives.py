@@ -16,12 +16,12 @@ DRACO = "KHR_draco_mesh_compression"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Primitive:
-    """Vertices and triangles in the mesh's own space.
+    """Vertices and triangles in mesh space.
 
     Attributes:
         vertices: (V, 3), morphed.
         triangles: (T, 3) indices of vertices.
-        joints, weights: (V, 4 S) of S sets; None where the primitive has none.
+        joints, weights: (V, 4 S) for S sets; None if the primitive has none.
     """
 
     vertices: np.ndarray
@@ -34,11 +34,11 @@ def read_primitive(item: Item, weights: np.ndarray, document: Document, accessor
     """A primitive of triangles.
 
     Args:
-        item: of a mode from `TRIANGLES` on, with a POSITION.
+        item: with a mode from `TRIANGLES` on, and a POSITION.
         weights: of its morph targets.
 
     Raises:
-        GltfError: naming the flaw.
+        GltfError: names the error.
     """
     source = _Source(item, document, accessors)
     vertices = source.floats("POSITION", "VEC3")
@@ -56,7 +56,7 @@ def read_primitive(item: Item, weights: np.ndarray, document: Document, accessor
 
 
 def triangle_count(item: Item, accessors: Accessors) -> int:
-    """How many triangles a primitive says it has, for a bound before anything is made."""
+    """The number of triangles that a primitive declares; used for a limit before allocation."""
     attributes = item.required("attributes")
     mode = item.integer("mode", TRIANGLES)
     count = accessors.count(item, "indices") if "indices" in item else accessors.count(attributes, "POSITION")
@@ -64,18 +64,18 @@ def triangle_count(item: Item, accessors: Accessors) -> int:
 
 
 def skinned(primitive: Primitive, joints: np.ndarray, where: str) -> np.ndarray:
-    """(V, 3) world positions of a primitive on a skin.
+    """(V, 3) world positions of a skinned primitive.
 
     Args:
-        joints: (J, 4, 4), from the mesh's space to the world by each joint.
+        joints: (J, 4, 4), mesh space to world for each joint.
         where: for messages.
 
     Raises:
-        GltfError: for joints out of range, or weights that are none.
+        GltfError: joints out of range, or invalid weights.
     """
     if primitive.joints is None or primitive.weights is None:
         raise GltfError(f"{where}: got a mesh without JOINTS_0 on a skin, expected them")
-    used = np.where(primitive.weights > 0, primitive.joints, 0)  # others may be anything
+    used = np.where(primitive.weights > 0, primitive.joints, 0)  # unused joints may have any value
     if used.max() >= len(joints):
         raise GltfError(f"{where}: got joint {used.max()}, expected one of the skin's {len(joints)}")
     total = primitive.weights.sum(1, keepdims=True)
@@ -83,7 +83,7 @@ def skinned(primitive: Primitive, joints: np.ndarray, where: str) -> np.ndarray:
         raise GltfError(f"{where}: got vertices whose WEIGHTS are negative or all 0, expected a sum of 1")
     vertices = primitive.vertices.astype(float)
     world = np.zeros_like(vertices)
-    # Joint by joint of a vertex: a matrix for each vertex at once would take ten times the room.
+    # Sums over a vertex's joints one at a time: a matrix per vertex would take ten times the memory.
     for joint, share in zip(used.T, (primitive.weights / total).T, strict=True):
         turn = joints[joint]
         world += share[:, None] * (np.einsum("vij,vj->vi", turn[:, :3, :3], vertices) + turn[:, :3, 3])
@@ -91,7 +91,7 @@ def skinned(primitive: Primitive, joints: np.ndarray, where: str) -> np.ndarray:
 
 
 class _Source:
-    """Where a primitive's attributes and indices come from: accessors, or Draco's data."""
+    """The source of a primitive's attributes and indices: accessors, or Draco's data."""
 
     def __init__(self, item: Item, document: Document, accessors: Accessors):
         self._item, self._accessors = item, accessors
@@ -99,11 +99,11 @@ class _Source:
         self.mode = item.integer("mode", TRIANGLES)
         packed = item.extension(DRACO)
         if packed is not None and "bufferView" in accessors.accessor(self._attributes, "POSITION"):
-            packed = None  # the same written out, and no digits lost
+            packed = None  # the same uncompressed, without loss
         self._mesh = None if packed is None else _draco(packed, document)
         self._ids = None if packed is None else packed.required("attributes")
         if self._mesh is not None:
-            self.mode = TRIANGLES  # strips are unrolled on the way in
+            self.mode = TRIANGLES  # Draco stores strips as triangles
 
     def floats(self, name: str, kind: str) -> np.ndarray:
         values = self._packed(name, kind)
@@ -116,7 +116,7 @@ class _Source:
         while f"JOINTS_{len(joints)}" in self._attributes:
             names = f"JOINTS_{len(joints)}", f"WEIGHTS_{len(joints)}"
             if names[1] not in self._attributes:
-                raise self._attributes.refused(names[1], f"weights beside {names[0]}")
+                raise self._attributes.refused(names[1], f"weights with {names[0]}")
             packed = self._packed(names[0], "VEC4")
             joints.append(self._accessors.integers(self._attributes, names[0], "VEC4") if packed is None else packed)
             weights.append(self.floats(names[1], "VEC4"))
@@ -165,7 +165,7 @@ def _draco(packed: Item, document: Document) -> Any:
         ) from None
     try:
         mesh = DracoPy.decode(content)
-    except Exception:  # whatever broken data makes the decoder say
+    except Exception:  # broken data can raise anything
         raise GltfError(f"{packed.where}: got data that cannot be decompressed, expected Draco") from None
     if not hasattr(mesh, "faces"):
         raise GltfError(f"{packed.where}: got a cloud of points, expected triangles")
@@ -173,7 +173,7 @@ def _draco(packed: Item, document: Document) -> Any:
 
 
 def _triangles(indices: np.ndarray | None, count: int, mode: int, item: Item) -> np.ndarray:
-    """(T, 3) out of a list of vertices, or out of none, which is all in order."""
+    """(T, 3) from a list of indices, or from all vertices in order if there is none."""
     if indices is None:
         indices = np.arange(count)
     if indices.size and indices.max() >= count:
@@ -187,7 +187,7 @@ def _triangles(indices: np.ndarray | None, count: int, mode: int, item: Item) ->
         return indices.reshape(-1, 3)
     if mode == FAN:
         return np.stack([np.broadcast_to(indices[0], len(indices) - 2), indices[1:-1], indices[2:]], 1)
-    # Every other triangle of a strip is turned, so that all show the same side.
+    # Every other triangle of a strip is reversed, so that all face the same side.
     strip = np.stack([indices[:-2], indices[1:-1], indices[2:]], 1)
     strip[1::2, 1:] = strip[1::2, :0:-1].copy()
     return strip

@@ -1,4 +1,4 @@
-"""A landscape out of a seed: hills and a valley as a triangle mesh, so that an example needs no file."""
+"""A random landscape from a seed: hills and a valley as a triangle mesh, so that an example needs no file."""
 
 import numpy as np
 

@@ -4,26 +4,26 @@ import numpy as np
 
 from .scene_camera import SceneCamera
 
-_CANDIDATES = 1_000_000  # pixels of bounding boxes tested at once: 100 MB of work arrays
+_CANDIDATES = 1_000_000  # bounding-box pixels tested at once: 100 MB of work arrays
 
 
 def rasterise(triangles: np.ndarray, camera: SceneCamera, height: int, width: int) -> np.ndarray:
     """Eye depth of the nearest surface at every pixel's centre, (height, width); 0 for background.
 
-    In homogeneous form (Olano and Greer 1997): along the ray c = z s a triangle with vertices a, b, c is met where its
-    barycentric coordinates over z, s . (b x c)/det and so on, are >= 0, and their sum is 1/z. Vertices behind the eye
-    need no clipping; depths outside [near, far) are no hits. Both faces are seen.
+    In homogeneous form (Olano and Greer 1997): the ray c = z s hits a triangle with vertices a, b, c where its
+    barycentric coordinates over z, s . (b x c)/det and so on, are >= 0; their sum is 1/z. Vertices behind the eye need
+    no clipping; depths outside [near, far) are not hits. Both faces are visible.
 
     Args:
         triangles: (N, 3, 3) world points.
     """
     eye = camera.to_eye(np.asarray(triangles, float))
     eye = eye[(eye[..., 2].max(1) > camera.near) & (eye[..., 2].min(1) < camera.far)]
-    size = np.abs(eye).max((1, 2), initial=0)[:, None, None]  # of each triangle, so that no product over- or underflows
+    size = np.abs(eye).max((1, 2), initial=0)[:, None, None]  # per triangle, so that no product over- or underflows
     unit = eye / size
     normals = np.cross(unit[:, [1, 2, 0]], unit[:, [2, 0, 1]])  # edge functions: one vector for each vertex
     volume = (unit[:, 0] * normals[:, 0]).sum(1)
-    seen = np.abs(volume) > np.finfo(float).tiny  # not edge-on, and of some area
+    seen = np.abs(volume) > np.finfo(float).tiny  # not edge-on, and with nonzero area
     eye, weights = eye[seen], normals[seen] / volume[seen, None, None] / size[seen]
     first, counts = _pixel_boxes(eye, camera, height, width)
     depth = np.full(height * width, np.inf)
@@ -39,7 +39,7 @@ def rasterise(triangles: np.ndarray, camera: SceneCamera, height: int, width: in
         column = first[which, 0] + place % np.maximum(counts[which, 0], 1)
         row = first[which, 1] + place // np.maximum(counts[which, 0], 1)
         w = weights[which]
-        with np.errstate(over="ignore", invalid="ignore"):  # inf and NaN are no hit
+        with np.errstate(over="ignore", invalid="ignore"):  # inf and NaN are not hits
             shares = w[..., 0] * across[column][:, None] + w[..., 1] * up[row][:, None] + w[..., 2]
             inverse = shares.sum(1)
         hit = (shares >= 0).all(1) & (inverse > 1 / camera.far) & (inverse <= 1 / camera.near)
@@ -56,7 +56,7 @@ def _pixel_boxes(eye: np.ndarray, camera: SceneCamera, height: int, width: int) 
     crossing = ahead != (z_other >= camera.near)
     share = np.where(crossing, (camera.near - z) / np.where(crossing, z_other - z, 1), 0)
     cut = eye + share[..., None] * (other - eye)
-    cut[..., 2] = camera.near  # not what rounding leaves of a near plane much nearer than the vertices
+    cut[..., 2] = camera.near  # exactly: rounding loses a near plane much nearer than the vertices
     points = np.concatenate([eye, cut], axis=1)
     there = np.concatenate([ahead, crossing], axis=1)
     slopes = points[..., :2] / np.where(there, points[..., 2], 1)[..., None]
@@ -67,7 +67,7 @@ def _pixel_boxes(eye: np.ndarray, camera: SceneCamera, height: int, width: int) 
     scale = size / np.array([right - left, top - bottom])
     low = np.stack([least[:, 0] - left, top - most[:, 1]], 1) * scale - 0.5
     high = np.stack([most[:, 0] - left, top - least[:, 1]], 1) * scale - 0.5
-    # A pixel more on each side: rounding here may not lose one; the exact test is the barycentric one.
+    # One more pixel on each side, as rounding must not lose any; the exact test is the barycentric one.
     begin = np.clip(np.floor(low), 0, size).astype(int)
     end = np.clip(np.ceil(high) + 1, 0, size).astype(int)
     return begin, np.maximum(end - begin, 0)

@@ -1,4 +1,4 @@
-"""A camera in plain NumPy: what the rasteriser and the pictures need, before and without JAX."""
+"""A camera in plain NumPy for the rasteriser and the pictures; does not need JAX."""
 
 import dataclasses
 
@@ -7,7 +7,7 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SceneCamera:
-    """Position, orientation and view frustum, with the meaning of `warpopt.Camera`'s fields.
+    """Position, orientation and view frustum; the fields mean the same as in `warpopt.Camera`.
 
     Attributes:
         position: (3,) in world space.
@@ -30,12 +30,12 @@ class SceneCamera:
 
     @property
     def handedness(self) -> str:
-        """Of the world's axes, as `warpopt.Camera` means it; a mirrored view counts as the other hand."""
+        """Handedness of the world's axes, as in `warpopt.Camera`; a mirrored view counts as the other hand."""
         return "right" if np.linalg.det(self.rotation) < 0 else "left"
 
     @property
     def key(self) -> tuple:
-        """Equal for equal cameras."""
+        """A key that is equal for equal cameras."""
         numbers = (*self.position.tolist(), *self.rotation.ravel().tolist(), self.near, self.far, *self.window)
         return tuple(number + 0.0 for number in numbers)  # -0.0 is 0.0
 
@@ -55,7 +55,7 @@ def orientation(forward: np.ndarray, up: np.ndarray, handedness: str) -> np.ndar
     """Rows right, up and forward.
 
     Raises:
-        ValueError: for directions that are parallel.
+        ValueError: parallel directions.
     """
     side = 1 if handedness == "right" else -1
     forward, up = unit(forward), unit(up)
@@ -67,19 +67,19 @@ def orientation(forward: np.ndarray, up: np.ndarray, handedness: str) -> np.ndar
 
 
 def unit(vector: np.ndarray) -> np.ndarray:
-    """By its largest component first, so that no square over- or underflows."""
+    """The unit vector; divides by the largest component first, so that no square over- or underflows."""
     vector = np.asarray(vector, float)
     vector = vector / np.abs(vector).max()
     return vector / np.linalg.norm(vector)
 
 
 def centred_window(half_fov: float, aspect: float) -> tuple[float, float, float, float]:
-    """The window of half a vertical field of view, in radians."""
+    """The window from half the vertical field of view, in radians."""
     top = float(np.tan(half_fov))
     return -top * aspect, top * aspect, -top, top
 
 
 def centred_window_across(half_fov_x: float, aspect: float) -> tuple[float, float, float, float]:
-    """The window of half a horizontal field of view, in radians."""
+    """The window from half the horizontal field of view, in radians."""
     right = float(np.tan(half_fov_x))
     return -right, right, -right / aspect, right / aspect

@@ -1,4 +1,4 @@
-"""A Newton iteration that cannot leave its bracket, on optimistix's abstract root finder."""
+"""Newton's method inside a bracket, as an optimistix root finder."""
 
 import functools
 from collections.abc import Callable
@@ -23,9 +23,9 @@ class BracketedNewton(optx.AbstractRootFinder):
     """Newton's method for increasing functions, elementwise on arrays, guarded by bisection.
 
     Every evaluation tightens the bracket given as `options=dict(lower=..., upper=...)`; a Newton step that would leave
-    it, or is not half as long as the step before, is replaced by bisection. A lane stops when a Newton step is below
-    `rtol`: the step after it would be below rtol^2, which is the accuracy reached. (optimistix's `Newton` has no guard
-    and diverges on these objectives; `Bisection` uses no derivative.)
+    it, or is more than half as long as the step before, is replaced by bisection. A lane stops when a Newton step is
+    below `rtol`: the next step would be below rtol^2, which is the accuracy reached. (optimistix's `Newton` has no
+    guard and diverges on these objectives; `Bisection` uses no derivative.)
     """
 
     rtol: float
@@ -42,7 +42,7 @@ class BracketedNewton(optx.AbstractRootFinder):
         lower, upper = jnp.where(below, y, state.lower), jnp.where(below, state.upper, y)
         newton = y - value / slope
         stride = jnp.abs(newton - y)
-        # Inside the bracket, and at most half as long as the step before; False for NaN too.
+        # Inside the bracket, and at most half as long as the step before; NaN fails this test.
         trusted = (newton >= lower) & (newton <= upper) & (stride <= 0.5 * state.stride)
         new = jnp.where(trusted, newton, lower + (upper - lower) / 2)
         small = trusted & (stride <= self.rtol)
@@ -70,7 +70,7 @@ def increasing_root(
 ) -> tuple[Float[Array, "..."], Bool[Array, "..."]]:
     """The root u in [lower, upper] of an increasing elementwise function fn(u, args), and whether it converged.
 
-    Its derivative in `args` is the implicit function theorem's, at the root, of any order; `fn` must be hashable.
+    Its derivative in `args`, of any order, is that of the implicit function theorem; `fn` must be hashable.
     """
     # Newton's error after a step of size h is about h^2 C, with C = (change of slope)/(2 slope) of order one here.
     rtol = 0.5 * float(jnp.finfo(lower.dtype).eps) ** 0.5
@@ -80,7 +80,7 @@ def increasing_root(
         jnp.clip(jnp.zeros_like(lower), lower, upper),
         args=args,
         options={"lower": lower, "upper": upper},
-        max_steps=192,  # bisection alone needs 60; at worst every third step is one
+        max_steps=192,  # pure bisection needs 60; at worst every third step is a bisection
         throw=False,
     )
     return solution.value, solution.stats["converged"]

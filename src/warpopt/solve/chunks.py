@@ -1,4 +1,4 @@
-"""Large batches: in pieces that stay in cache inside a compiled call, and in calls of one fixed shape."""
+"""Large batches: split into chunks that fit the cache inside a compiled call, and into calls of one fixed shape."""
 
 import math
 from collections.abc import Callable
@@ -11,13 +11,13 @@ from jaxtyping import Array, PyTree
 
 from .._checks import is_traced
 
-# A solve keeps about a hundred numbers a problem in flight: a million at once leave every cache, but XLA's CPU backend
-# runs loops over much less than 100,000 elements on one core. Measured on two cores, ns per E_p L2 solve: 243 for
-# chunks of 32,768, 147 for 131,072, 220 for a million. A GPU wants them all at once, within its memory.
+# A solve keeps about a hundred numbers per problem: a million problems at once exceed every cache, but XLA's CPU
+# backend runs loops over much less than 100,000 elements on one core. Measured on two cores, ns per E_p L2 solve: 243
+# for chunks of 32,768, 147 for 131,072, 220 for a million. A GPU gets them all at once, within its memory.
 _CHUNK = {"cpu": 131_072}
 _CHUNK_ELSEWHERE = 4_194_304
-# Beyond this many problems, one compiled call after another on this one shape: memory stays bounded, and a new size
-# costs no new compilation.
+# Above this many problems, repeated calls of one compiled program with this fixed shape: memory stays bounded, and a
+# new size needs no new compilation.
 _BLOCK = 1_048_576
 
 
@@ -26,8 +26,8 @@ def in_chunks(function: Callable[..., PyTree], args: PyTree, *static: Any) -> Py
 
     Results have the arrays' joint shape.
 
-    Arguments of one element stay single, so that what depends on them alone is computed once (a sweep of directions
-    under one frustum shares its depth integrals).
+    Arguments of one element stay single, so that values that depend only on them are computed once (a sweep of
+    directions under one frustum shares its depth integrals).
     """
     leaves, structure = jax.tree.flatten(args)
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in leaves))
@@ -36,7 +36,7 @@ def in_chunks(function: Callable[..., PyTree], args: PyTree, *static: Any) -> Py
     if size <= chunk:
         return jax.tree.map(lambda out: jnp.broadcast_to(out, shape), function(*args, *static))
     count = -(-size // chunk)
-    chunk = -(-size // count)  # equal pieces: no padding to speak of
+    chunk = -(-size // count)  # equal chunks need almost no padding
     single = [leaf.size == 1 for leaf in leaves]
 
     def pieces(leaf: Array) -> Array:
@@ -78,7 +78,7 @@ def in_blocks(compiled: Callable[..., PyTree], args: PyTree, *static: Any) -> Py
     before, (parts, parts_structure) = 0, begun(0)
     for start in range(_BLOCK, size, _BLOCK):
         following, _ = begun(start)
-        keep(before, parts)  # while the block just started is being computed
+        keep(before, parts)  # copies one block while the next is computed
         before, parts = start, following
     keep(before, parts)
     return jax.tree.unflatten(
@@ -87,7 +87,7 @@ def in_blocks(compiled: Callable[..., PyTree], args: PyTree, *static: Any) -> Py
 
 
 def _aligned(size: int, dtype: np.dtype) -> np.ndarray:
-    """An empty array that JAX can take over on a CPU without a copy, which it does from 64-byte boundaries."""
+    """An empty array that JAX on a CPU can use without a copy: it requires 64-byte alignment."""
     space = np.empty(size * dtype.itemsize + 64, np.uint8)
     start = -space.ctypes.data % 64
     return space[start : start + size * dtype.itemsize].view(dtype)

@@ -1,9 +1,9 @@
 """The exact minimiser of the L-inf norm over the view frustum.
 
-The maximum over the receivers is attained at one of two: the nearest (z = n) or the farthest (z = f) of the extreme
-edge. E_p^alpha E_q^beta there is A^k z^-r / (eta^alpha L^beta) with A linear in eta and L = 1/xhat of two linear
-pieces, so that eta's range has at most three segments with a quadratic each, and the optimum is a root, the tie of the
-two receivers, or the kink of L.
+The maximum over the receivers is attained at one of two points of the extreme edge: the nearest (z = n) or the farthest
+(z = f). There, E_p^alpha E_q^beta is A^k z^-r / (eta^alpha L^beta), with A linear in eta and L = 1/xhat piecewise
+linear with two pieces. So eta's range has at most three segments, each with a quadratic, and the optimum is a root, the
+tie of the two receivers, or the kink of L.
 """
 
 from typing import NamedTuple
@@ -30,12 +30,12 @@ class Optimum(NamedTuple):
 
 
 class Extremes(NamedTuple):
-    """What of V decides in L-inf, at z = n and z = f each.
+    """The extreme points of V for L-inf, at z = n and z = f each.
 
     Attributes:
-        near, far: of the receivers, those of which one attains the maximum error, for every warp: the error grows with
-            delta at equal z and is quasi-convex in space, so over V it is a lower corner's; on the axis an end's.
-        widest: of the upper far corner, which spans the map's width above the `kink`.
+        near, far: of the receivers: for every warp, one of them attains the maximum error. The error grows with delta
+            at equal z and is quasi-convex in space, so over V they are lower corners; on the axis, its ends.
+        widest: of the upper far corner, which determines the map's width above the `kink`.
     """
 
     near: LightDepth
@@ -61,9 +61,9 @@ def supremum_norm(space: LightSpace, eta: Float[Array, "..."], objective: Object
 
 
 def in_units_of_error(space: LightSpace, eta: Array, mean: Array, objective: Objective) -> Array:
-    """E_p^alpha E_q^beta from its (A^2/eta)^alpha A^beta (n/z)^r, the part without light and width.
+    """E_p^alpha E_q^beta from the given (A^2/eta)^alpha A^beta (n/z)^r, without the factors of light and width.
 
-    Factor after factor on the small number, so that no product of the large ones overflows before it.
+    The small number is multiplied by one factor at a time, so that no product of the large ones overflows.
     """
     metric = objective.metric
     error = mean * power(space.mu_over_near / space.tan_phi, metric.alpha)
@@ -73,9 +73,9 @@ def in_units_of_error(space: LightSpace, eta: Array, mean: Array, objective: Obj
 
 
 def kink(space: LightSpace) -> Float[Array, "..."]:
-    """The eta (lambda = n a, the apex at the eye) below which the near corners span the map, above it the far ones.
+    """eta at lambda = n a (apex at the eye): below it the near corners set the map's width, above it the far ones.
 
-    0 where the far corners always do (theta <= phi).
+    0 if always the far corners do (theta <= phi).
     """
     return space.a_plus / ((1 + space.depth_range) * space.b)
 
@@ -83,8 +83,9 @@ def kink(space: LightSpace) -> Float[Array, "..."]:
 def _tie(space: LightSpace, objective: Objective, near: LightDepth) -> tuple[Array, Array]:
     """(eta, 1 - eta) at which the two receivers' errors are equal; eta = 0 where the nearest always has the larger.
 
-    eta = (d_f - d_n - e d_n) / (d_f - d_n + e (1 - d_n)), e = (f/n)^q - 1 and q = r/k, with the common terms taken
-    out of the numerator: for E_q it is x a, lambda = n a, where the naive difference loses every digit as a goes to 0.
+    eta = (d_f - d_n - e d_n) / (d_f - d_n + e (1 - d_n)), e = (f/n)^q - 1 and q = r/k, with the common terms removed
+    from
+    the numerator: for E_q it is x a, lambda = n a, where the direct difference loses all digits as a goes to 0.
     """
     x, T, L = space.depth_range, space.slope, space.log_ratio
     q = objective.metric.depth_power / objective.metric.blend_power
@@ -99,8 +100,8 @@ def _tie(space: LightSpace, objective: Objective, near: LightDepth) -> tuple[Arr
 def closed_form(space: LightSpace, objective: Objective) -> Optimum:
     """The global minimiser of `supremum_norm` over V, the largest where minima are flat. Derived for this project.
 
-    In Y = z_w at the lower near corner over mu: lambda = Y - g. Below the kink the optimum never lies, and the far
-    corner never is stationary, so it is the larger of the tie and the near corner's root.
+    In Y = z_w at the lower near corner over mu: lambda = Y - g. The optimum is never below the kink, and the far corner
+    is never stationary, so the optimum is the larger of the tie and the near corner's root.
     """
     # notation: g, h, m over mu; k, r, c0, c1, c2 of the quadratic in Y
     metric = objective.metric
@@ -109,7 +110,7 @@ def closed_form(space: LightSpace, objective: Objective) -> Optimum:
     ends = Extremes.of(space, objective)
     (g, h), widest = ends.near, ends.widest.delta
     m = widest - g
-    # h - g with the common terms taken out: x s + (x - 2) T, or 2 (x s - T) below theta = phi.
+    # h - g with the common terms removed: x s + (x - 2) T, or 2 (x s - T) below theta = phi.
     excess = jnp.where(space.a_plus > 0, x * s + (x - 2) * T, 2 * (x * s - T)) / mu
     c2 = alpha * excess + beta * m
     helps = c2 > 0
@@ -133,7 +134,7 @@ def closed_form(space: LightSpace, objective: Objective) -> Optimum:
 
 
 def by_segments(space: LightSpace, objective: Objective, iterative: bool) -> Optimum:
-    """The same for any two receivers (the axis), segment by segment from eta = 1 down.
+    """The same minimiser for any two receivers (the axis), segment by segment from eta = 1 down.
 
     Each segment's quadratic is solved by formula, or by iteration.
     """
@@ -181,7 +182,7 @@ def _quadratic(objective: Objective, depth: LightDepth, line: LightDepth):
 
 
 def _segment_root(objective: Objective, depth: LightDepth, line: LightDepth, iterative: bool) -> tuple[Array, Array]:
-    """Where the receiver's error turns from falling to rising in eta: 0 if it only rises, inf if it never does."""
+    """eta at which the receiver's error turns from falling to rising: 0 if it only rises, inf if it never does."""
     polynomial = _quadratic(objective, depth, line)
     root, converged = positive_root(on_lanes(True, polynomial), iterative)
     rises = (polynomial[1][0] > 0) | (polynomial[1][1] > 0)
@@ -197,7 +198,7 @@ def _with_residual(space: LightSpace, objective: Objective, ends: Extremes, opti
         jnp.abs(log_ratio(jnp.log(eta), on_lanes(True, _quadratic(objective, depth, line))))
         for depth in (ends.near, ends.far)
     )
-    # Where the two are equal up to rounding (frusta thinner than it), either may have been the stationary one.
+    # Where the two are equal up to rounding (thin frusta), either may be the stationary one.
     alike = jnp.abs(gap) <= 8 * jnp.finfo(gap.dtype).eps
     slope = jnp.where(alike, smaller(near_slope, far_slope), jnp.where(gap > 0, far_slope, near_slope))
     residual = jnp.where(outcome == Outcome.tie, jnp.abs(gap), jnp.where(outcome == Outcome.stationary, slope, 0))

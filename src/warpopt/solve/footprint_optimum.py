@@ -4,10 +4,10 @@ Up to a constant, the logarithm of the norm in u = log(eta) is
 
     f(u) = top(u) - alpha u + beta log(width(u))
 
-where top is the largest k log A - r log z among a few receivers (L-inf), or a polynomial's root (L_P). It is
-pseudo-convex: the sign of its slope changes once. So the root finder needs the sign alone; what holds at the root (a
-stationary point, a tie of two receivers, a kink of the width) is then found by looking just below and just above, and
-that equation gives the last digits and the derivatives.
+where top is the largest k log A - r log z among a few receivers (L-inf), or the log of a polynomial's P-th root (L_P).
+It is pseudo-convex: the sign of its slope changes once, so the root finder needs only the sign. The condition at the
+root (a stationary point, a tie of two receivers, a kink of the width) is then identified by evaluating just below and
+just above, and solving that condition gives the last digits and the derivatives.
 """
 
 from typing import NamedTuple
@@ -34,7 +34,7 @@ class Term(eqx.Module):
 
 
 class Active(NamedTuple):
-    """Which candidates rule at some eta: metric, receiver, and the receivers at the right and left edge."""
+    """The active candidates at some eta: metric, receiver, and the receivers at the right and left edge."""
 
     term: Int[Array, ""]
     receiver: Int[Array, ""]
@@ -50,7 +50,7 @@ class LogNorm(eqx.Module):
     objective: Objective | None = eqx.field(static=True)  # the L_P norm; None for L-inf
 
     def active(self, u: Float[Array, ""]) -> Active:
-        """What rules at u."""
+        """The active candidates at u."""
         eta = jnp.exp(u)
         blend = self.footprint.sides.depth.blend(eta)
         right, left = (jnp.argmax(side / blend) for side in (self.footprint.sides.right, self.footprint.sides.left))
@@ -66,7 +66,7 @@ class LogNorm(eqx.Module):
         return Active(ruling, jnp.stack(best)[ruling], right, left)
 
     def value(self, u: Float[Array, ""], active: Active) -> Float[Array, ""]:
-        """The logarithm on the smooth piece on which `active` rules."""
+        """The logarithm on the smooth piece selected by `active`."""
         if self.objective is not None:
             (term,) = self.terms
             mean = jnp.log(self._moments.power_mean(jnp.exp(u), self.objective))
@@ -78,7 +78,7 @@ class LogNorm(eqx.Module):
         return jnp.stack(pieces)[active.term]
 
     def slope(self, u: Float[Array, ""], active: Active) -> Float[Array, ""]:
-        """d value / du on that piece, from weights in [0, 1]: nothing but the answer itself cancels."""
+        """d value / du on that piece, from weights in [0, 1], so that only the result itself can cancel."""
         eta = jnp.exp(u)
         term = self.terms[0]
         alpha, beta = (
@@ -97,7 +97,7 @@ class LogNorm(eqx.Module):
         spans = sides.right[active.right] / blend[active.right], sides.left[active.left] / blend[active.left]
         shares = (_eta_share(sides.depth, i, eta) for i in (active.right, active.left))
         width = spans[0] + spans[1]
-        # A body of no width has no lateral error to mend: its width changes with nothing.
+        # A body without width has no lateral error: its width does not change.
         falling = sum(span * share for span, share in zip(spans, shares, strict=True))
         return top - alpha - beta * jnp.where(width > 0, falling / jnp.where(width > 0, width, 1), 0)
 
@@ -146,7 +146,7 @@ def _polynomial_slope(moments: Moments, eta: Array) -> Array:
 
 
 class FootprintOptimum(NamedTuple):
-    """eta, its outcome, the residual of the equation that fixed it, and the margin by which a warp helps at eta = 1."""
+    """eta, its outcome, the residual of its equation, and the margin by which a warp helps at eta = 1."""
 
     log_eta: Float[Array, ""]
     outcome: Int[Array, ""]
@@ -157,21 +157,21 @@ class FootprintOptimum(NamedTuple):
 def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> FootprintOptimum:
     """The global minimiser, the largest where minima are flat.
 
-    The margin is d log(norm) / d log(eta) just below eta = 1, alpha (1 - 2 dbar) + beta (delta_w - dbar): a warp helps
-    iff it is positive, which is decided before anything is iterated.
+    The margin is d log(norm) / d log(eta) just below eta = 1, alpha (1 - 2 dbar) + beta (delta_w - dbar). A warp helps
+    iff the margin is positive, which is decided before any iteration.
     """
     fixed = jax.lax.stop_gradient(log_norm)
     dtype = fixed.footprint.mu.dtype
     eps = float(jnp.finfo(dtype).eps)
     unbounded_below = all(term.alpha == 0 for term in fixed.terms)
-    # E_p alone grows as eta falls, so that its optimum has no floor but the dtype's.
+    # Only E_p grows as eta falls, so that its optimum is limited only by the dtype.
     floor = min_eta.astype(dtype) if unbounded_below else jnp.asarray(eps**2, dtype)
     lower, upper = jnp.log(floor), jnp.asarray(-4 * eps**0.5, dtype)
 
     def rise(u, _):
         return fixed.slope(u, fixed.active(u)), None
 
-    # Slopes are sums of a few terms of order one: below this they are rounding, and the minimum is flat.
+    # Slopes are sums of a few terms of order one: below this bound they are rounding, and the minimum is flat.
     noise = 16 * eps
     margin, at_floor = rise(upper, None)[0], rise(lower, None)[0]
     # Receivers all on W's axis have no lateral error: E_q and E_pxq are zero for every warp.
@@ -206,9 +206,9 @@ def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> FootprintOptimum:
 
 
 def _settled(log_norm: LogNorm, found: Array, eps: float) -> tuple[Array, Array, Array]:
-    """(u, outcome, residual): one Newton step on the equation that holds at the root, which carries the derivatives.
+    """(u, outcome, residual): one Newton step on the condition at the root, which carries the derivatives.
 
-    The root finder's u is off by at most about sqrt(eps); what rules on either side of that decides the equation.
+    The root finder's u is off by at most about sqrt(eps); the active candidates on both sides identify the condition.
     """
     fixed = jax.lax.stop_gradient(log_norm)
     reach = 4 * eps**0.5
@@ -221,7 +221,7 @@ def _settled(log_norm: LogNorm, found: Array, eps: float) -> tuple[Array, Array,
         slope = jnp.where(usable, jax.lax.stop_gradient(slope), 1)
         return jnp.where(usable, -gap / slope, 0)
 
-    # Where two pieces meet: the crossing of their values, if the minimum is there (a falling and a rising piece).
+    # Where two pieces meet: the crossing of their values, if the minimum is there (one falls, one rises).
     crossing = found + step(
         log_norm.value(found, below) - log_norm.value(found, above),
         fixed.slope(found, below) - fixed.slope(found, above),

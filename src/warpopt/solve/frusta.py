@@ -1,4 +1,4 @@
-"""Many view frusta at once: light space, a few numbers, eta and its certificate, in one compiled call."""
+"""Many view frusta at once: light space, moments, eta and its certificate, in one compiled call."""
 
 import functools
 from typing import Any, NamedTuple
@@ -26,8 +26,8 @@ class Method(NamedTuple):
     """How frusta are solved; static.
 
     Attributes:
-        iterative: whether the root finder is used also where there is a closed form.
-        nodes: of quadrature over the depth, which is then used for every L_P norm; None for moments where they serve.
+        iterative: whether to use the root finder even where there is a closed form.
+        nodes: quadrature nodes over the depth, then used for every L_P norm; None uses moments where possible.
     """
 
     iterative: bool = False
@@ -44,7 +44,7 @@ def solve_frusta(frustum: ViewFrustum, theta: Array, objective: Objective, metho
 def norms_over_frusta(
     frustum: ViewFrustum, theta: Array, warp: Warp, objective: Objective, method: Method
 ) -> tuple[Array, Array]:
-    """(the norm for every frustum, direction and warp, which broadcast; where it is NaN for an apex not before V)."""
+    """(the norm for every frustum, direction and warp, which broadcast; whether the apex is not before V: NaN)."""
     return in_chunks(_norm_of_chunk, (frustum, theta, warp), objective, method)
 
 
@@ -58,12 +58,12 @@ def norms_of_eta(frustum: ViewFrustum, theta: Array, eta: Array, objective: Obje
 def solve_and_compare(
     frustum: ViewFrustum, theta: Array, etas: list[Float[Array, "..."]], objective: Objective
 ) -> tuple[Solution, list[Float[Array, "..."]]]:
-    """The optima, and the norms of other warps over V, given by eta, in one call that shares what both need."""
+    """The optima, and the norms over V of other warps, given by eta, in one call that shares their common work."""
     return in_chunks(_compare_chunk, (frustum, theta, etas), objective)
 
 
 def solve_chunk(frustum: ViewFrustum, theta: Array, objective: Objective, method: Method) -> Solution:
-    """One chunk's optima: L-inf has a closed form, L_P the root of a polynomial in a few moments."""
+    """One chunk's optima: L-inf in closed form, L_P as the root of a polynomial from moments."""
     space, mean = _few_numbers(frustum, theta, objective, method)
     return _solution(space, mean, objective, method)
 
@@ -80,7 +80,7 @@ def _solution(space: LightSpace, mean: Any, objective: Objective, method: Method
     finite = jnp.isfinite(value) & jnp.isfinite(optimum.eta)
     none = (optimum.eta >= 1) & ~failed(optimum.outcome)
     outcome = jnp.where(finite, jnp.where(none, Outcome.no_warp, optimum.outcome), Outcome.not_finite)
-    # A failure must not pass for "no warp".
+    # A failure must not look like "no warp".
     eta, one_minus_eta = (jnp.where(finite, v, jnp.nan) for v in (optimum.eta, optimum.one_minus_eta))
     warp = Warp(eta, one_minus_eta, space.start, space.mu, jnp.ones((), bool))
     return Solution(warp, value, outcome.astype(jnp.int32), optimum.residual)
@@ -108,7 +108,7 @@ def _compare_chunk(frustum: ViewFrustum, theta: Array, etas: list[Array], object
 def _few_numbers(
     frustum: ViewFrustum, theta: Array, objective: Objective, method: Method
 ) -> tuple[LightSpace, Moments | QuadratureMean | None]:
-    """The light space, and what an L_P norm is made of."""
+    """The light space, and the moments or quadrature of an L_P norm."""
     space = staged(LightSpace, frustum, theta)
     if objective.supremum:
         return space, None
@@ -118,7 +118,7 @@ def _few_numbers(
 
 
 def _norm(space: LightSpace, mean: Any, eta: Array, objective: Objective) -> Array:
-    """`mean` as `_few_numbers` has it."""
+    """The norm; `mean` is from `_few_numbers`."""
     if objective.supremum:
         return supremum_norm(space, eta, objective)
     unscaled = over(mean.power_mean(eta, objective), power(eta, objective.metric.alpha))

@@ -1,4 +1,4 @@
-"""The optimal warp, and the norm of any: a view and an objective in, eta with its certificate out."""
+"""The optimal warp, and the norm of any warp, for a view and an objective."""
 
 from collections.abc import Sequence
 from typing import overload
@@ -40,29 +40,28 @@ def optimal_warp(
     method: str = "auto",
     quadrature_nodes: int | None = None,
 ) -> Solution | SceneSolution:
-    """The warp that minimises the norm of an aliasing error over what is seen; the global minimum.
+    """The warp that minimises the norm of an aliasing error over the receivers; the global minimum.
 
     Args:
-        view: a `FrustumView`, of any shape, or a `SceneView`; `jax.vmap` over more of these (with `throw=False`).
-        objective: E_p in L-inf if None. Over a frustum one product of E_p and E_q; over a scene an order that makes
-            (2 alpha + beta) order an integer.
-        throw: raise if any problem failed; otherwise the solution's `result` tells.
+        view: a `FrustumView`, of any shape, or a `SceneView`; use `jax.vmap` for several scenes (with `throw=False`).
+        objective: E_p in L-inf if None. Over a frustum a single product of E_p and E_q; over a scene
+            (2 alpha + beta) order must be an integer.
+        throw: raise if any problem failed; otherwise see the solution's `result`.
         min_eta: over a scene, the smallest eta, for metrics without E_p, whose infimum may be at eta = 0
             (`Outcome.unbounded`). A whole frustum has no such case.
-        method: over a frustum, "auto" solves in closed form what has one; "iterative" forces the root finder
+        method: over a frustum, "auto" uses a closed form if there is one; "iterative" forces the root finder
             everywhere.
         quadrature_nodes: over a frustum, nodes over the depth for norms whose M = (2 alpha + beta) order is not an
-            integer, which are integrated numerically (default: 64, and more for large orders, whose integrands peak;
-            beyond an order of about 100 give more, or the outcome is `inaccurate`); given, it forces that for every
-            L_P norm.
+            integer, which are integrated numerically (default: 64, and more for large orders, whose integrands have
+            sharp peaks; above an order of about 100 pass more, or the outcome is `inaccurate`). If given, it forces
+            quadrature for every L_P norm.
 
     Raises:
         ValueError: bad arguments, or a norm whose optimum could not be certified.
         RuntimeError: a failed solve, with `throw` (`equinox.EquinoxRuntimeError` when traced).
 
-    No receivers, receivers at one depth, or a light along the view are outcomes and no errors. Derivatives (jvp, grad)
-    of eta, lam and value are implicit: of the root, the tie or the kink that fixed eta; zero where it is clamped to no
-    warp.
+    No receivers, receivers at one depth, and a light along the view are outcomes, not errors. Derivatives (jvp, grad)
+    of eta, lam and value are implicit, through the root, tie or kink that fixed eta; zero where eta is clamped to 1.
 
     Example:
         >>> import warpopt
@@ -79,7 +78,9 @@ def optimal_warp(
         solution = in_blocks(solve_frusta, (view.frustum, view.theta), objective, how)
     else:
         if how != Method():
-            raise ValueError(f"method, quadrature_nodes: got {method!r}, {quadrature_nodes!r}, which are a frustum's")
+            raise ValueError(
+                f"method, quadrature_nodes: got {method!r}, {quadrature_nodes!r}, expected the defaults for a scene"
+            )
         refuse_scene(view, objective)
         solution = solve_scene(view, objective, checked_min_eta(min_eta))
     return raised(solution) if throw else solution
@@ -92,12 +93,12 @@ def error_norm(
     *,
     quadrature_nodes: int | None = None,
 ) -> Float[Array, "..."]:
-    """The norm of an aliasing error over what is seen, for any warp: what `optimal_warp` minimises.
+    """The norm of an aliasing error over the receivers, for any warp: the quantity that `optimal_warp` minimises.
 
     Args:
         view, objective, quadrature_nodes: as for `optimal_warp`.
-        warp: of any shape; over a frustum one that broadcasts with the view's. A warp that was made for another body
-            keeps its apex: see `Warp.over`.
+        warp: of any shape; over a frustum it must broadcast with the view. A warp made for another body keeps its
+            apex: see `Warp.over`.
 
     Raises:
         ValueError: as `optimal_warp`, or an apex that is not before the receivers (NaN when traced).
@@ -119,7 +120,7 @@ def error_norm(
         values, lost = in_blocks(norms_over_frusta, (view.frustum, view.theta, warp), objective, how)
     else:
         if how != Method():
-            raise ValueError(f"quadrature_nodes: got {quadrature_nodes!r}, which are a frustum's")
+            raise ValueError(f"quadrature_nodes: got {quadrature_nodes!r}, expected None for a scene")
         refuse_scene(view, objective)
         values, lost = norms_over_scene(view, warp, objective)
     refuse_lost(lost)
@@ -129,23 +130,23 @@ def error_norm(
 def optimum_and_norms(
     view: FrustumView, etas: Sequence[Float[Array, "..."]], objective: Objective
 ) -> tuple[Solution, list[Float[Array, "..."]]]:
-    """The optima over frusta, and the norms of other warps over V for each, in one call that shares what both need.
+    """The optima over frusta, and the norms of other warps over V for each, in one call that shares their common work.
 
     Args:
         view: of any shape.
-        etas: each warp's, of shapes that broadcast with the view's.
-        objective: as for `optimal_warp`. Failed solves are told by `Solution.result`.
+        etas: one array per warp, of shapes that broadcast with the view's.
+        objective: as for `optimal_warp`. `Solution.result` reports failed solves.
     """
     return in_blocks(solve_and_compare, (view.frustum, view.theta, list(etas)), objective)
 
 
 def checked_min_eta(min_eta: ArrayLike) -> Array | np.ndarray:
-    """The floor of eta as an array.
+    """The lower limit of eta as an array.
 
     Raises:
-        ValueError: no number in (0, 1).
+        ValueError: not a number in (0, 1).
     """
-    if isinstance(min_eta, float) and 0 < min_eta < 1:  # what it nearly always is, without a step on the device
+    if isinstance(min_eta, float) and 0 < min_eta < 1:  # the common case, without work on the device
         return np.asarray(min_eta)
     (value,) = float_arrays(min_eta=min_eta)
     if value.shape:

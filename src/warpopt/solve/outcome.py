@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 class Outcome(enum.IntEnum):
-    """The mechanism that fixed the optimum, or why there is none. Solutions hold arrays of these integers.
+    """The condition that fixed the optimum, or the reason for none. Solutions hold arrays of these integers.
 
     Example:
         >>> Outcome(3).name, Outcome(3).succeeded, Outcome(3).sentence
@@ -35,21 +35,21 @@ class Outcome(enum.IntEnum):
 
     @property
     def succeeded(self) -> bool:
-        """Whether the warp is the optimum, or nothing needs one; not whether there is something to warp."""
+        """Whether the warp is the optimum, or no warp is needed; not whether there is something to warp."""
         return self not in (Outcome.not_converged, Outcome.inaccurate, Outcome.not_finite)
 
 
 _SENTENCES = {
     Outcome.stationary: "The norm is stationary at the optimum.",
-    Outcome.tie: "At the optimum two errors are equal: a near and a far receiver's, or E_p and E_q in their maximum.",
+    Outcome.tie: "At the optimum two errors are equal: a near and a far receiver's, or E_p and E_q in metric 'max'.",
     Outcome.kink: "At the optimum near and far receivers span the width of the shadow map together.",
     Outcome.no_warp: "eta = 1 (no warp) minimises the norm.",
     Outcome.flat: "All receivers lie at one depth along the warp's axis: there is nothing to warp.",
-    Outcome.unbounded: "The norm falls as eta goes to 0: eta is the floor that was asked for (min_eta).",
+    Outcome.unbounded: "The norm falls as eta goes to 0: eta is the requested minimum (min_eta).",
     Outcome.empty: "There are no receivers: nothing needs a shadow map.",
     Outcome.not_converged: "The root finder ran out of steps before its bracket closed.",
-    Outcome.inaccurate: "The quadrature's own error estimate exceeds its tolerance; the optimum is not certified.",
-    Outcome.not_finite: "The norm is not a finite number: far/near beyond 7.9e13, receivers without end, or NaN input.",
+    Outcome.inaccurate: "The quadrature's error estimate exceeds its tolerance; the optimum is not certified.",
+    Outcome.not_finite: "The norm is not a finite number: far/near beyond 7.9e13, unbounded receivers, or NaN input.",
 }
 
 
@@ -57,7 +57,7 @@ _FAILURES = tuple(outcome for outcome in Outcome if not outcome.succeeded)
 
 
 def failed(result: ArrayLike) -> Bool[Array, "..."]:
-    """Which of an array of outcomes are failures: the one test for them, on the host and when traced."""
+    """Which of an array of outcomes are failures: the only test for them, on the host and when traced."""
     result = jnp.asarray(result)
     return functools.reduce(jnp.logical_or, [result == outcome for outcome in _FAILURES])
 

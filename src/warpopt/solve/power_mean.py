@@ -15,8 +15,8 @@ from .sign_change import Polynomial, log_ratio, on_lanes, positive_root, value_o
 def stationarity(moments: Moments, objective: Objective, line: tuple[Array | float, Array | float]) -> Polynomial:
     """eta' L dJ^P/d eta' up to a positive factor, where L = c eta' + d (`line`): one sign change in its coefficients.
 
-    The coefficient of eta'^(M-j+1) is c B_j (alpha P - j) + d B_(j-1) (r P - j + 1); without E_q, L drops out. Merging
-    equal powers before splitting by sign is what makes the log-ratio monotone.
+    The coefficient of eta'^(M-j+1) is c B_j (alpha P - j) + d B_(j-1) (r P - j + 1); without E_q, L drops out. Equal
+    powers are merged before splitting by sign, which makes the log-ratio monotone.
     """
     alpha, r = objective.metric.alpha * objective.order, objective.metric.depth_power * objective.order
     B, M = moments.coefficients, len(moments.coefficients) - 1
@@ -36,13 +36,13 @@ def stationarity(moments: Moments, objective: Objective, line: tuple[Array | flo
 def minimise_power_mean(space: LightSpace, moments: Moments, objective: Objective, iterative: bool) -> Optimum:
     """The global minimiser of the L_P norm, the largest where minima are flat.
 
-    Signs decide first, one evaluation each: at eta = 1 whether a warp helps at all, at the kink which side the optimum
-    is on, or that it is the kink itself (common: for E_q L2 in a third to a half of all scenes).
+    Signs are evaluated first: at eta = 1 they say whether a warp helps, and at the kink on which side the optimum is,
+    or that it is the kink itself (common: for E_q L2 in a third to a half of all scenes).
     """
     far = space.edge(0.0)[1]
     top = stationarity(moments, objective, (far.one_minus_delta * moments.scale, far.delta))
     rise, terms = value_over_leading(top, 1 / moments.scale)
-    # A rise within rounding of zero is a flat optimum: the largest eta is returned, no warp. Each term carries a few
+    # A rise within rounding of zero is a flat optimum: eta = 1, the largest, is returned. Each term carries a few
     # roundings of its coefficient and one of the sum.
     helps = rise > 4 * len(top[0]) * jnp.finfo(rise.dtype).eps * terms
     chosen, at_kink, bend = top, jnp.zeros(rise.shape, bool), kink(space)
@@ -68,7 +68,7 @@ def minimise_power_mean(space: LightSpace, moments: Moments, objective: Objectiv
 
 
 def _merged(first: Array, one: Polynomial, other: Polynomial) -> Polynomial:
-    """Lane by lane one polynomial or the other, over the powers of both."""
+    """One polynomial or the other in each lane, over the union of their powers."""
     powers = tuple(sorted({*one[0], *other[0]}, reverse=True))
     tables = [dict(zip(*polynomial, strict=True)) for polynomial in (one, other)]
     return powers, tuple(jnp.where(first, *(table.get(p, 0.0) for table in tables)) for p in powers)

@@ -1,8 +1,8 @@
-"""L_P norms of any real order, by quadrature: for M = kP that is not an integer (or beyond the moments' reach).
+"""L_P norms of any real order, by quadrature: for M = kP that is not an integer (or too large for moments).
 
-Over the height, the substitution A = A_0 e^(l v) turns A^M du into exponentials, entire however small eta is; over the
-depth, nodes in log z. Everything stays in logarithms, so that large orders neither overflow nor underflow. The error
-is estimated by the difference from a coarser rule; beyond tolerance the outcome says so.
+Over the height, the substitution A = A_0 e^(l v) turns A^M du into exponentials, which are entire for any small eta;
+over the depth, nodes in log z. All values are kept as logarithms, so that large orders neither overflow nor underflow.
+The error is estimated by comparison with a coarser rule; the outcome reports an estimate above the tolerance.
 """
 
 from typing import NamedTuple
@@ -23,12 +23,12 @@ _LARGEST_MOMENT_DEGREE = 16
 
 
 def has_moments(objective: Objective) -> bool:
-    """Whether the norm's M is an integer, and small enough for its binomials to cost no digits."""
+    """Whether the norm's M is an integer, and small enough that its binomials lose no digits."""
     return objective.blend_degree == round(objective.blend_degree) and objective.blend_degree <= _LARGEST_MOMENT_DEGREE
 
 
 def default_nodes(objective: Objective) -> int:
-    """Enough for rounding up to f/n = 1e12 at small orders; large orders peak over a width of 1/M."""
+    """Enough nodes for rounding accuracy up to f/n = 1e12 at small orders; large orders have peaks of width 1/M."""
     return min(64 + round(objective.blend_degree), 256)
 
 
@@ -63,12 +63,12 @@ class QuadratureMean(eqx.Module):
         bend = kink(space) + zero if objective.metric.beta else zero
         bent = bend > 0
         log_bend = jnp.log(jnp.where(bent, bend, 1))
-        # The three signs in one evaluation, as a batch.
+        # One batched evaluation gives all three signs.
         at_one, above, below = jax.vmap(lambda u, line: _condition(u, (self, line)))(
             jnp.stack([zero, log_bend, log_bend]), jax.tree.map(lambda *a: jnp.stack(a), top, top, low)
         )
-        # A rise within rounding of zero is a flat optimum: the largest eta is returned, no warp. The logarithms of the
-        # two sums are good to a few eps each; 64 leaves room for the exponents' range.
+        # A rise within rounding of zero is a flat optimum: eta = 1, the largest, is returned. The logarithms of the
+        # two sums are good to a few eps each; 64 covers the exponents' range.
         helps = at_one > 64 * jnp.finfo(zero.dtype).eps
         under = bent & (above > 0)
         at_kink = helps & under & (below <= 0)
@@ -84,13 +84,13 @@ class QuadratureMean(eqx.Module):
         outcome = jnp.where(searched, jnp.where(converged, Outcome.stationary, Outcome.not_converged), Outcome.no_warp)
         outcome = jnp.where(at_kink, Outcome.kink, outcome)
         condition = jnp.where(searched, _condition(u, (self, line)), 0)
-        # Far above rounding, far below what a user could see: 7e-11 in float64, 3e-5 in float32.
+        # Far above rounding, far below a visible difference: 7e-11 in float64, 3e-5 in float32.
         accurate = self._error_estimate(eta, u, line, condition) < float(jnp.finfo(zero.dtype).eps) ** 0.65
         outcome = jnp.where(accurate, outcome, Outcome.inaccurate)
         return Optimum(eta, jnp.where(at_kink, 1 - eta, -jnp.expm1(u)), outcome, jnp.abs(condition))
 
     def _error_estimate(self, eta: Array, u: Array, line: _Line, condition: Array) -> Array:
-        """Change of the norm (relative) and of the stationarity condition from a rule of two thirds of the nodes."""
+        """Change of the norm (relative) and of the stationarity condition with two thirds of the nodes."""
         coarse = QuadratureMean(self.space, self.objective, 2 * self.nodes // 3)
         norms = self.power_mean(eta, self.objective) / coarse.power_mean(eta, self.objective) - 1
         conditions = jnp.where(condition == 0, 0, condition - _condition(u, (coarse, line)))
@@ -148,7 +148,7 @@ def _log_integrals(mean: QuadratureMean, eta: Array, power: float, factors) -> l
 
 
 def _log_sums(log_terms: Array, factors, count: int) -> list[Array]:
-    """Over the last so many axes."""
+    """Logarithms of sums over the last `count` axes."""
     axes = tuple(range(-count, 0))
     largest = jax.lax.stop_gradient(log_terms.max(axes, keepdims=True))
     terms = jnp.exp(log_terms - largest)

@@ -18,10 +18,10 @@ from .solution import SceneSolution
 
 
 def refuse_scene(view: SceneView, objective: Objective) -> None:
-    """Refuse what no scene can be solved for.
+    """Refuse a scene that cannot be solved.
 
     Raises:
-        ValueError: several lights, a measure that is not the receivers', an order whose moments do not exist.
+        ValueError: several lights, a measure that the receivers do not support, an order without moments.
     """
     one_light(view).receivers.check(view.camera, view.light, objective)
     if not (objective.supremum or objective.blend_degree == round(objective.blend_degree)):
@@ -39,7 +39,7 @@ def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]
     optimum = minimise(log_norm, min_eta)
     value, unwarped = value_at(log_norm, optimum.log_eta), value_at(log_norm, jnp.zeros_like(optimum.log_eta))
     excess = jnp.zeros_like(value)
-    # An L_P norm of E_p has its moments from the receivers one by one: groups lose nothing.
+    # For an L_P norm of E_p the moments come from the individual receivers: grouping loses nothing.
     if footprint.grouped and (objective.supremum or objective.has_beta):
         best_case = eqx.tree_at(lambda n: n.footprint, log_norm, footprint.at_best())
         least = value_at(best_case, minimise(best_case, min_eta).log_eta)
@@ -57,7 +57,7 @@ def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]
 def norms_over_scene(
     view: SceneView, warp: Warp, objective: Objective
 ) -> tuple[Float[Array, "..."], Bool[Array, "..."]]:
-    """(the norm of every warp over one view's receivers, where it is NaN for an apex that is not before them)."""
+    """(the norm of every warp over one view's receivers, whether the apex is not before them: NaN)."""
     frame = view.frame()
     footprint = view.receivers.footprint(view.camera, frame, objective)
     own = warp.over(footprint)
@@ -67,7 +67,7 @@ def norms_over_scene(
 def norms_at(
     footprint: Footprint, frame: LightFrame, objective: Objective, eta: Float[Array, "..."]
 ) -> Float[Array, "..."]:
-    """The norm for every eta over a footprint that was made for the objective; 0 for no receivers."""
+    """The norm for every eta over a footprint made for the objective; 0 for no receivers."""
     log_norm = _log_norm(footprint, frame, objective)
     values = jax.vmap(lambda u: value_at(log_norm, u))(jnp.log(eta).ravel())
     return jnp.where(footprint.empty, 0, values).reshape(eta.shape)
@@ -79,7 +79,7 @@ def _log_norm(footprint: Footprint, frame: LightFrame, objective: Objective) -> 
 
 
 def _term(footprint: Footprint, frame: LightFrame, metric: Metric, supremum: bool) -> Term:
-    """E_p = density_p mu A^2 / (z eta) and E_q = density_q width A / z: the factors that eta does not change."""
+    """E_p = density_p mu A^2 / (z eta) and E_q = density_q width A / z: the factors independent of eta."""
     factor = metric.alpha * jnp.log(footprint.mu * frame.density_p) + metric.beta * jnp.log(frame.density_q)
     if metric.alpha:  # receivers at one depth have no texels along Z_w
         factor = jnp.where(footprint.flat, -jnp.inf, factor)

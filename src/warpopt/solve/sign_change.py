@@ -1,9 +1,9 @@
 """The positive root of a polynomial whose coefficients change sign once.
 
-The stationarity condition of every norm here is such a polynomial in eta: positive coefficients on the high powers,
-negative ones on the low. By Descartes it has one positive root. In u = log(eta), log P+ - log P- (its positive over
-its negative part) increases with slope at least the gap between the two parts' powers and at most the degree's span,
-so that one evaluation brackets the root, and Newton with the bracket as guard cannot fail.
+The stationarity condition of every norm here is such a polynomial in eta: positive coefficients at the high powers,
+negative ones at the low powers. By Descartes' rule it has one positive root. In u = log(eta), log P+ - log P- (log of
+the positive part over the negative part) increases; its slope is at least the gap between the two parts' powers and at
+most the span of all powers. So one evaluation brackets the root, and the bracketed Newton method cannot fail.
 """
 
 import dataclasses
@@ -46,9 +46,9 @@ def has_root(polynomial: Polynomial) -> Bool[Array, "..."]:
 
 
 def on_lanes(lanes: Bool[Array, "..."] | bool, polynomial: Polynomial) -> Polynomial:
-    """The polynomial on the given lanes where it has a root; elsewhere x^top - x^bottom, whose root is 1.
+    """The polynomial in the given lanes where it has a root; elsewhere x^top - x^bottom, whose root is 1.
 
-    The iteration starts at 1, so that the other lanes cost nothing and cannot fail.
+    The iteration starts at 1, so that the other lanes converge at once.
     """
     powers, coefficients = polynomial
     if len(powers) == 1:
@@ -79,11 +79,11 @@ def positive_root(polynomial: Polynomial, iterative: bool) -> tuple[Float[Array,
     if len(gaps) == 1 and len(powers) <= 3 and not iterative:
         root = power(_linear_or_quadratic(coefficients), 1 / gaps.pop())
         return root, jnp.ones(root.shape, bool)
-    from .bracketed_newton import increasing_root  # optimistix takes a tenth of a second, and L-inf has no use for it
+    from .bracketed_newton import increasing_root  # importing optimistix takes 0.1 s, and L-inf does not need it
 
     condition = _LogRatio(powers)
     at_one = condition(jnp.zeros_like(coefficients[0]), coefficients)
-    # The slope of the log-ratio lies between the smallest gap that can separate its two parts and the whole span.
+    # The slope of the log-ratio lies between the smallest possible gap between its two parts and the whole span.
     ends = -at_one / min(gaps), -at_one / (highest - lowest)
     u, converged = increasing_root(condition, coefficients, jnp.minimum(*ends), jnp.maximum(*ends))
     return jnp.exp(u), converged
@@ -91,7 +91,7 @@ def positive_root(polynomial: Polynomial, iterative: bool) -> tuple[Float[Array,
 
 @dataclasses.dataclass(frozen=True)
 class _LogRatio:
-    """`log_ratio` as a function of u and the coefficients, hashable by its powers."""
+    """`log_ratio` as a function of u and the coefficients, hashable through its powers."""
 
     powers: tuple[int, ...]
 
@@ -102,7 +102,7 @@ class _LogRatio:
 def _linear_or_quadratic(coefficients: tuple[Array, ...]) -> Array:
     if len(coefficients) == 2:
         return -coefficients[1] / coefficients[0]
-    # The larger root of c2 x^2 + c1 x + c0 with c2 >= 0 >= c0, by whichever of the two forms adds.
+    # The larger root of c2 x^2 + c1 x + c0 with c2 >= 0 >= c0, by the form that does not cancel.
     c2, c1, c0 = coefficients
     root = _root_of_discriminant(c2, jnp.where(c1 < 0, -c1, c1), -c0)
     falling = c1 <= 0
@@ -111,7 +111,7 @@ def _linear_or_quadratic(coefficients: tuple[Array, ...]) -> Array:
 
 
 def _root_of_discriminant(a: Array, b: Array, c: Array) -> Array:
-    """sqrt(b^2 + 4 a c) for a, b, c >= 0, with no square that underflows, no square root without a derivative."""
+    """sqrt(b^2 + 4 a c) for a, b, c >= 0, without underflow of squares, and differentiable."""
     geometric = 2 * jnp.sqrt(a) * jnp.sqrt(c)
     mostly_b = b >= geometric
     some_b = jnp.where(mostly_b & (b > 0), b, 1)

@@ -1,4 +1,4 @@
-"""What a solve returns."""
+"""Results of a solve."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,16 +17,16 @@ from .outcome import Outcome, failed
 
 
 class Solution(eqx.Module):
-    """An optimal warp over a view frustum, and what is known about it. Wherever a warp is taken, so is this.
+    """An optimal warp over a view frustum with its certificate. Accepted wherever a warp is.
 
     Attributes:
         warp: the optimal `Warp` (eta, lam, mu).
         value: the minimal norm.
-        result: array of `Outcome`, the mechanism that fixed the optimum or the reason for failure.
-        residual: by how much the equation that fixed eta is violated: |log P+ - log P-| of the stationarity condition,
-            or the relative gap of the tie; 0 for a kink or no warp. Where the optimum is stationary, the condition
-            changes sign once and its slope in log(eta) is at least 1 (moments, L-inf), so that log(eta) is within the
-            residual, and the rounding of evaluating it, of the global optimum.
+        result: array of `Outcome`, the condition that fixed the optimum or the reason for failure.
+        residual: residual of the equation that fixed eta: |log P+ - log P-| of the stationarity condition, or the
+            relative gap of the tie; 0 for a kink or no warp. Where the optimum is stationary, the condition changes
+            sign once and its slope in log(eta) is at least 1 (moments, L-inf), so log(eta) differs from the global
+            optimum by at most the residual plus its rounding.
 
     Example:
         >>> import warpopt
@@ -42,19 +42,19 @@ class Solution(eqx.Module):
 
 
 class SceneSolution(eqx.Module):
-    """An optimal warp for a scene, and what is needed to render with it. Wherever a warp is taken, so is this.
+    """An optimal warp for a scene, with the data needed to render with it. Accepted wherever a warp is.
 
     Attributes:
         warp: the optimal `Warp`; its lam and mu are lengths along W's axis, over the receivers.
-        value: the minimal norm, in the units of `LightFrame`'s densities; 0 for no receivers, and of E_p for receivers
-            at one depth.
+        value: the minimal norm, in the units of `LightFrame`'s densities; 0 for no receivers, and 0 for E_p with
+            receivers at one depth.
         result: an `Outcome`.
         residual: as `Solution.residual`.
-        margin: d log(norm) / d log(eta) just below eta = 1. A warp helps iff it is positive: by how much no warp is, or
-            is not, the best. 0 where there is nothing to warp (flat, empty).
+        margin: d log(norm) / d log(eta) just below eta = 1. A warp helps iff it is positive; its size says by how much.
+            0 where there is nothing to warp (flat, empty).
         unwarped: the norm without a warp.
-        excess: bound on the regret of grouping many points or pixels conservatively: `value` over a lower bound of the
-            minimum that the receivers one by one would have, less 1. 0 where nothing is grouped.
+        excess: bound on the regret due to conservative grouping of many points or pixels: `value` over a lower bound of
+            the minimum for the individual receivers, minus 1. 0 where nothing is grouped.
         frame: W's axes.
         footprint: the receivers' extents.
 
@@ -134,7 +134,5 @@ def raised(solution: Solution | SceneSolution) -> Solution | SceneSolution:
         return eqx.error_if(solution, bad, words)
     if bool(bad.any()):
         first = Outcome(int(solution.result[bad].ravel()[0]))
-        raise RuntimeError(
-            f"{int(bad.sum())} of {bad.size} problems failed, the first thus: {first.sentence} ({words})"
-        )
+        raise RuntimeError(f"{int(bad.sum())} of {bad.size} problems failed, the first: {first.sentence} ({words})")
     return solution

@@ -1,4 +1,4 @@
-"""Tables on disk: npz, csv and json, written whole, read back with every flaw named."""
+"""Table files: npz, csv and json, written atomically; reading reports every defect."""
 
 import math
 from pathlib import Path
@@ -20,17 +20,17 @@ _COLUMNS = ("depth_ratio", "half_fov", "theta", "eta")  # one entry for each kno
 
 
 def save(table: "LambdaTable", path: str | Path) -> None:
-    """Write a table as .npz, .csv or .json, by the path's ending; byte for byte the same for the same table.
+    """Write a table as .npz, .csv or .json, by the file extension; equal tables give identical bytes.
 
     Raises:
         ValueError: another ending.
-        OSError: the file cannot be written; an earlier one is then as it was.
+        OSError: the file cannot be written; an existing one is left unchanged.
     """
     write_whole(path, _fields(table), _columns(table))
 
 
 def encoded_table(table: "LambdaTable", path: str | Path) -> bytes:
-    """What `save` writes to the path.
+    """The bytes that `save` writes to the path.
 
     Raises:
         ValueError: an ending other than .npz, .csv and .json.
@@ -42,7 +42,7 @@ def load(path: str | Path, kind: type["LambdaTable"]) -> "LambdaTable":
     """Read what `save` wrote; `kind` is the class.
 
     Raises:
-        DataFileError: a file that is missing, truncated, edited into nonsense, of another format or a later version.
+        DataFileError: a file that is missing, truncated, edited, of another format or a later version.
     """
     path = Path(path)
     fields = read_fields(path, "table", _COLUMNS)
@@ -70,7 +70,7 @@ def _columns(table: "LambdaTable") -> dict[str, np.ndarray]:
 
 
 def _table(fields: dict, kind: type["LambdaTable"]) -> "LambdaTable":
-    """The table of a file's fields; ValueErrors say what is wrong with them."""
+    """The table of a file's fields; a ValueError names the defect."""
     found, digest = fields.pop("format", None), fields.pop("digest", None)
     if found != FORMAT:
         raise ValueError(f"got format {found!r}, expected {FORMAT!r}")
@@ -82,7 +82,7 @@ def _table(fields: dict, kind: type["LambdaTable"]) -> "LambdaTable":
         numbers = [float(fields[name]) for name in _NUMBERS]
         slope = math.inf if str(fields["max_slope"]) == "none" else float(fields["max_slope"])
     except (TypeError, ValueError, OverflowError):
-        raise ValueError("got a field that is no number, expected numbers") from None
+        raise ValueError("got a field that is not a number, expected numbers") from None
     rows = _rows(columns)
     if not (all(math.isfinite(v) and v >= 0 for v in numbers) and slope > 0):
         raise ValueError(
@@ -96,21 +96,21 @@ def _table(fields: dict, kind: type["LambdaTable"]) -> "LambdaTable":
         max_slope=slope, promised=promised, achieved=achieved, worst=(at_theta, at_ratio, at_fov), version=version,
     )  # fmt: skip
     if digest != _fields(table)["digest"]:
-        raise ValueError("got contents that its digest does not fit, expected a table as it was written")
+        raise ValueError("got contents that do not match the digest, expected an unedited table")
     return table
 
 
 def _rows(columns: list[np.ndarray]) -> Rows:
-    """The polylines that the columns hold, knot after knot and row after row."""
+    """The polylines in the columns, ordered by row, then by knot."""
     if not all(c.ndim == 1 and c.shape == columns[0].shape and np.isfinite(c).all() for c in columns):
         raise ValueError(f"got knots that are not finite or not as many of each, expected {_COLUMNS}")
     ratios, fovs = (np.unique(c) for c in columns[:2])
     count, rest = divmod(len(columns[0]), max(1, len(ratios) * len(fovs)))
     if count < 2 or rest:
-        raise ValueError("got knots that are no grid, expected each row of depth_ratio and half_fov whole")
+        raise ValueError("got knots that do not form a grid, expected complete rows of depth_ratio and half_fov")
     of_knots = [c.reshape(len(ratios), len(fovs), count) for c in columns]
     if not all((c == axis).all() for c, axis in zip(of_knots, (ratios[:, None, None], fovs[:, None]), strict=False)):
-        raise ValueError("got knots that are no grid, expected each row of depth_ratio and half_fov whole")
+        raise ValueError("got knots that do not form a grid, expected complete rows of depth_ratio and half_fov")
     theta, eta = of_knots[2:]
     if not (np.diff(theta) >= 0).all() or not (theta[..., 0] < theta[..., -1]).all():
         raise ValueError("got knots whose theta does not increase, expected knots that do")

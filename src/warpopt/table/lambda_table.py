@@ -1,4 +1,4 @@
-"""lambda(theta) as a small table with a promise."""
+"""lambda(theta) as a small table with a promised accuracy."""
 
 import math
 from pathlib import Path
@@ -21,22 +21,22 @@ Outside = Literal["clamp", "error"]
 
 
 class LambdaTable(eqx.Module):
-    """The optimal warp for every light direction, and for ranges of far/near and of the field of view if asked for.
+    """The optimal warp for every light direction, optionally over ranges of far/near and of the field of view.
 
-    Polylines of eta in theta, whose knots move from one far/near to the next; see `lookup.lookup`. Knots may stand
-    above eta = 1: a look-up ends at 1, no warp, so that the onset of no warp needs no knot. Directions beyond pi/2 are
-    folded, as the frustum is symmetric. Made by `warpopt.build_table`; the numbers are single precision's.
+    Polylines of eta in theta, whose knots move with far/near; see `lookup.lookup`. Knots may lie above eta = 1: a
+    lookup clamps at eta = 1 (no warp), so the onset of no warp needs no knot. Directions beyond pi/2 are mirrored, as
+    the frustum is symmetric. Built by `warpopt.build_table`; the numbers are float32.
 
     Attributes:
-        depth_ratio: (R,) far/near of the rows, increasing; one entry where the table is for one far/near.
+        depth_ratio: (R,) far/near of the rows, increasing; one entry if far/near is fixed.
         half_fov: (H,) half fields of view, radians, increasing; one entry likewise.
         theta: (R, H, N) knots, radians, not decreasing along N.
         knot_eta: (R, H, N) eta at the knots.
         objective: what is minimised.
-        max_slope: bound on |d log(eta) / d theta| that was asked for; inf for none.
-        promised: the regret, value/minimum - 1, that nothing in the table's ranges was to exceed, and
-        achieved: the largest found, at
-        worst: this (theta, far/near, half_fov).
+        max_slope: requested bound on |d log(eta) / d theta|; inf for none.
+        promised: bound on the regret, value/minimum - 1, over the table's ranges.
+        achieved: the largest regret found.
+        worst: the (theta, far/near, half_fov) at which it was found.
         version: of warpopt.
 
     Example:
@@ -59,12 +59,12 @@ class LambdaTable(eqx.Module):
 
     @property
     def rows(self) -> Rows:
-        """What a look-up reads."""
+        """The rows that a lookup reads."""
         return Rows(self.depth_ratio, self.half_fov, self.theta, self.knot_eta)
 
     @property
     def size(self) -> int:
-        """Bytes of the numbers that exported code holds: four each."""
+        """Size in bytes of the numbers in exported code, four bytes each."""
         return 4 * self.rows.size
 
     def eta(
@@ -75,14 +75,16 @@ class LambdaTable(eqx.Module):
         *,
         outside: Outside = "clamp",
     ) -> Float[Array, "..."]:
-        """eta at any theta, by JAX: under jit, vmap and grad (the slope of the piece that ends at a knot).
+        """eta at any theta, in JAX: works under jit, vmap and grad (at a knot: the slope of the piece that ends there).
 
         Args:
             theta: radians, any shape.
-            depth_ratio, half_fov: far/near and half the field of view, of shapes that broadcast; needed for an axis
-                that the table has. Where it has one row they change nothing; "error" refuses other values than its own.
-            outside: "clamp": beyond the first or last knot (folded) or row its value, and eta = 1 for NaN, as the
-                exported code does; "error": both, and theta outside [0, pi], are refused (under jit at run time).
+            depth_ratio, half_fov: far/near and half the field of view, of shapes that broadcast; required for an axis
+                with several rows. With one row they have no effect, except that "error" refuses values other than the
+                row's.
+            outside: "clamp": inputs beyond the first or last knot (after mirroring) or row are clamped, and NaN gives
+                eta = 1, as in the exported code; "error": both, and theta outside [0, pi], are refused (under jit at
+                run time).
 
         Raises:
             ValueError: see `outside`; a missing argument.
@@ -98,7 +100,7 @@ class LambdaTable(eqx.Module):
         *,
         outside: Outside = "clamp",
     ) -> np.ndarray:
-        """`eta` in plain NumPy, in theta's precision, operation by operation what the exported code does."""
+        """`eta` in plain NumPy, in theta's precision, with the same operations as the exported code."""
         theta = np.asarray(theta)
         dtype = theta.dtype if theta.dtype == np.float32 else np.dtype(np.float64)
         given = self._given(outside, depth_ratio=depth_ratio, half_fov=half_fov)
@@ -108,7 +110,7 @@ class LambdaTable(eqx.Module):
         """The table's warp for a frustum (`lam` in its units).
 
         Raises:
-            ValueError: as `eta`; a frustum of another far/near or field of view than that of a table of one.
+            ValueError: as `eta`; a frustum whose far/near or field of view differs from the fixed one of the table.
         """
         ratio, half_fov = frustum.depth_ratio, frustum.half_fov
         self._check_single(depth_ratio=ratio, half_fov=half_fov)
@@ -117,29 +119,29 @@ class LambdaTable(eqx.Module):
         return Warp(eta, 1 - eta, view.start, view.mu, jnp.ones((), bool))
 
     def save(self, path: str | Path) -> None:
-        """Write it as .npz, .csv or .json, by the path's ending: whole or not at all, equal files for equal tables.
+        """Write it as .npz, .csv or .json, by the file extension; atomic, and equal tables give equal files.
 
         Raises:
             ValueError: another ending.
-            OSError: the file cannot be written; an earlier one is then as it was.
+            OSError: the file cannot be written; an existing one is left unchanged.
         """
         files.save(self, path)
 
     def encoded(self, path: str | Path) -> bytes:
-        """What `save` writes to the path; raises as it does for the ending."""
+        """The bytes that `save` writes to the path; raises the same for the extension."""
         return files.encoded_table(self, path)
 
     @classmethod
     def load(cls, path: str | Path) -> "LambdaTable":
-        """Read it back.
+        """Read a table from a file.
 
         Raises:
-            DataFileError (a ValueError): a file that is missing, truncated, edited or foreign.
+            DataFileError (a ValueError): a file that is missing, truncated, edited or of another format.
         """
         return files.load(path, cls)
 
     def _check_single(self, **values: Numbers | None) -> None:
-        """Refuse other values of an axis of one row than its own."""
+        """Refuse values that differ from the single row's."""
         for name, value in values.items():
             axis = getattr(self, name)
             if len(axis) > 1 or value is None:
@@ -149,7 +151,7 @@ class LambdaTable(eqx.Module):
             checked(name, value, lambda v, o=own, t=tolerance: abs(v / o - 1) <= t, f"the table's {own:.9g}")
 
     def _given(self, outside: Outside, **values: Numbers | None) -> dict[str, Numbers]:
-        """Of the axes' values, those of axes that the table has."""
+        """The axes' values, without those of axes that the table does not have."""
         if outside == "error":
             self._check_single(**values)
         asked = {}
@@ -167,7 +169,7 @@ class LambdaTable(eqx.Module):
         theta, *others = values
         names = [name for name in ("depth_ratio", "half_fov") if len(getattr(self, name)) > 1]
         if outside == "error":
-            slack = 4 * float(np.finfo(theta.dtype).eps)  # of the fold, and of an axis' own rounding
+            slack = 4 * float(np.finfo(theta.dtype).eps)  # for rounding of the mirroring and of the axes
             first, last = float(self.theta[0, 0, 0]), float(self.theta[0, 0, -1])
 
             def within(v):

@@ -1,4 +1,4 @@
-"""eta of a table at any direction: the one definition that NumPy, JAX and the exported code share."""
+"""eta of a table at any direction: the definition shared by NumPy, JAX and the exported code."""
 
 from typing import NamedTuple
 
@@ -11,8 +11,8 @@ class Rows(NamedTuple):
     Attributes:
         depth_ratio: (R,) far/near, increasing.
         half_fov: (H,) radians, increasing.
-        theta: (R, H, N) knots, not decreasing along N; the first and the last are the same for all.
-        eta: (R, H, N) heights > 0. Above 1 they mean no warp.
+        theta: (R, H, N) knots, not decreasing along N; the first and the last are the same in all rows.
+        eta: (R, H, N) heights > 0. Above 1 the lookup gives eta = 1 (no warp).
     """
 
     depth_ratio: np.ndarray
@@ -22,7 +22,7 @@ class Rows(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many numbers a look-up reads: an axis of one row needs none."""
+        """How many numbers a lookup reads; an axis of one row needs none."""
         axes = sum(len(axis) for axis in (self.depth_ratio, self.half_fov) if len(axis) > 1)
         return axes + self.theta.size + self.eta.size
 
@@ -31,8 +31,8 @@ def lookup(theta, depth_ratio, half_fov, rows: Rows, xp):
     """eta in (0, 1].
 
     Between rows the knots move, linearly in the field of view and nearly so in log(far/near) (`between_ratios`), so
-    that kinks that move are met. On each row eta is linear between its knots; between rows log(eta) is. Beyond the ends
-    of an axis: the end. NaN, or a far/near <= 0: 1.
+    that moving kinks are followed. On each row eta is linear between its knots; between rows log(eta) is. Values beyond
+    the ends of an axis are clamped. NaN, or far/near <= 0, gives 1.
 
     Args:
         theta, depth_ratio, half_fov: arrays of one dtype that broadcast; an axis of one row needs none (None).
@@ -42,8 +42,8 @@ def lookup(theta, depth_ratio, half_fov, rows: Rows, xp):
     dtype = theta.dtype
     rows = Rows(*(xp.asarray(v.astype(dtype)) for v in rows))
     pi, half = np.asarray(np.pi, dtype), np.asarray(np.pi / 2, dtype)
-    rest = np.asarray(np.pi - float(pi), dtype)  # what single precision's pi lacks: kinks are steep
-    # Two selections: of one, compilers add the two constants, and the remainder is lost.
+    rest = np.asarray(np.pi - float(pi), dtype)  # the rounding error of single precision's pi matters at steep kinks
+    # Two selections: in a single one, compilers add the two constants, and the remainder is lost.
     folded = xp.where(theta > half, pi - theta, theta) + xp.where(theta > half, rest, 0)
     axes = [
         of(value, axis, xp)
@@ -64,7 +64,7 @@ def lookup(theta, depth_ratio, half_fov, rows: Rows, xp):
 
     eta = height(tuple(row for row, _ in axes))
     if axes:
-        # Logarithms of ratios, which are small: those of eta itself would cost digits.
+        # Logarithms of ratios, which are small: the logarithm of eta itself would lose digits.
         first = eta
         eta = first * xp.exp(_blended(axes, lambda corner: xp.log(height(corner) / first)))
     nan = sum(xp.isnan(v) for v in (theta, *(t for _, t in axes)))
@@ -74,7 +74,7 @@ def lookup(theta, depth_ratio, half_fov, rows: Rows, xp):
 def on_piece(theta, knots, xp):
     """(piece, share of it passed, in [0, 1]) of each theta on polylines with knots (..., N).
 
-    The piece whose end is the first knot not before theta: a sum of comparisons, as short tables are searched.
+    The piece whose end is the first knot not before theta: found by summing comparisons, fast for short tables.
     """
     piece = (theta[..., None] > knots[..., 1:-1]).astype(np.int32).sum(-1)
     knots = xp.broadcast_to(knots, (*piece.shape, knots.shape[-1]))
@@ -84,11 +84,11 @@ def on_piece(theta, knots, xp):
 
 
 def between_ratios(value, axis, xp):
-    """(row, share on the way to the next) of far/near.
+    """(row, fraction of the way to the next row) of far/near.
 
-    g' (v - g^2) / ((g' - g) (v + g g')), with g, g' the roots of the rows' far/near: the Moebius map that is 0, 1/2 and
-    1 where the logarithm is. It stays within 2e-3 of it for rows a factor of 2 apart, and is the same in every language
-    to the last bit, which a logarithm is not: where kinks are steep that would show.
+    g' (v - g^2) / ((g' - g) (v + g g')), with g, g' the square roots of the rows' far/near: the Moebius map that equals
+    the logarithmic fraction at 0, 1/2 and 1. It differs by at most 2e-3 for rows a factor of 2 apart, and gives equal
+    bits in every language, which a logarithm does not: near steep kinks the difference would be visible.
     """
     root = xp.sqrt(axis)
     row = (value[..., None] > (root * root)[1:-1]).astype(np.int32).sum(-1)
@@ -97,18 +97,18 @@ def between_ratios(value, axis, xp):
     between = xp.where(inside & ~beyond, value, low * low)
     share = high * (between - low * low) / ((high - low) * (between + low * high))
     share = xp.where(beyond, 1, xp.where(share > 1, 1, share))
-    return row, xp.where(value > 0, share, np.nan).astype(value.dtype)  # no frustum at all
+    return row, xp.where(value > 0, share, np.nan).astype(value.dtype)  # not a frustum
 
 
 def between_fovs(value, axis, xp):
-    """(row, share on the way to the next) of the half field of view."""
+    """(row, fraction of the way to the next row) of the half field of view."""
     row = (value[..., None] > axis[1:-1]).astype(np.int32).sum(-1)
     share = (value - axis[row]) / (axis[row + 1] - axis[row])
     return row, xp.where(share < 0, 0, xp.where(share > 1, 1, share)).astype(value.dtype)
 
 
 def _blended(axes: list, of, corner: tuple = ()):
-    """Linear between the rows' values, axis by axis; `of` takes the row on each axis."""
+    """Linear between the rows' values, axis by axis; `of` is given the row on each axis."""
     if len(corner) == len(axes):
         return of(corner)
     row, share = axes[len(corner)]

@@ -22,8 +22,8 @@ from .warp import Warp, refuse_lost
 def inverse_width(space: LightSpace, eta: Float[Array, "..."]) -> Float[Array, "..."]:
     """f tan(phi) / xhat, where xhat = max over V's corners of |x| / A is the half width that the map must span.
 
-    Only the two corners of the upper plane can attain it: at equal z the lower ones have the larger A. AT09's
-    tan(phi_w) is the upper far corner's, which leaves the near corners outside the map for lambda < n a.
+    Only the two corners of the upper plane can attain it: at equal z the lower ones have the larger A. AT09 uses
+    tan(phi_w) of the upper far corner only, which leaves the near corners outside the map for lambda < n a.
     """
     near, far = space.edge(0.0)
     return smaller((1 + space.depth_range) * near.blend(eta), far.blend(eta))
@@ -35,13 +35,13 @@ def errors(
     along: Float[ArrayLike, "..."],
     across: Float[ArrayLike, "..."],
 ) -> tuple[Any, Any]:
-    """(E_p, E_q) at receivers with z_w in proportion to A = `blend`: AT09 (13), (14), for any camera and light.
+    """(E_p, E_q) at receivers whose z_w is proportional to A = `blend`: AT09 (13), (14), for any camera and light.
 
-    In NumPy for NumPy arrays. E_p = along A^2 / eta, E_q = across A.
+    Computed in NumPy for NumPy arrays. E_p = along A^2 / eta, E_q = across A.
 
     Args:
         blend: A = (1 - delta) eta + delta; `LightDepth.blend`.
-        eta: of the warp.
+        eta: the warp's parameter.
         along: (screen units per unit slope along the warp) mu / z: E_p without a warp.
         across: (screen units per unit slope across it) (width that the map spans at A = 1) / z.
 
@@ -66,7 +66,7 @@ def aggregate(terms: tuple[Metric, ...], e_p: Float[Array, "..."], e_q: Float[Ar
 
 
 def _over(warp: Warp, space: LightSpace) -> Warp:
-    """The warp over V, whatever body it was made for."""
+    """The warp over V, even if it was made for another body."""
     warp = getattr(warp, "warp", warp)  # a solution's
     instance("warp", warp, Warp)
     own = warp.over(space)
@@ -94,7 +94,7 @@ def aliasing_error(
         metric: "p", "q", "pxq", "max" or a `Metric`.
 
     Raises:
-        ValueError: theta outside [0, pi], an unknown metric, or a warp of another body whose apex is not before V.
+        ValueError: theta outside [0, pi], an unknown metric, or a warp whose apex does not lie before V.
 
     Example:
         >>> import jax.numpy as jnp, warpopt
@@ -113,7 +113,7 @@ def aliasing_error_uz(
 ) -> Float[Array, "..."]:
     """`aliasing_error` at height fraction u in [0, 1] (0: the side plane next to the warp's near plane) and depth z.
 
-    The well-conditioned form: accurate to a few units in the last place everywhere, on the side planes too.
+    The well-conditioned form: accurate to a few units in the last place everywhere, including the side planes.
 
     Example:
         >>> import warpopt
@@ -132,8 +132,8 @@ def local_aliasing_error(
 ) -> Float[Array, "..."]:
     """The local form, AT09 (8), (9): the view axis under a light at theta = pi/2, mu = f - n.
 
-    Written in eta instead of lambda, so that no warp is a value like any other. AT09 (8) is marked approximate there;
-    it is exact on the axis.
+    Written in eta instead of lambda, so that no warp (eta = 1) is not a special case. AT09 calls (8) approximate; it is
+    exact on the axis.
 
     Example:
         >>> import warpopt
@@ -200,7 +200,7 @@ def projection_factors(
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Projection aliasing (E_q^proj, E_p^proj) along the line x = kx z - bx, y = ky z - by: AT09 (10), (11).
 
-    The full errors |dq/dt|, |dp/ds| along the line are these times `aliasing_error`. Infinite where the line is
+    The full errors |dq/dt|, |dp/ds| along the line are these factors times `aliasing_error`. Infinite where the line is
     parallel to the light.
 
     Example:

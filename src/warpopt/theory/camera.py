@@ -1,4 +1,4 @@
-"""A camera and a directional light in world space: what an engine has at hand."""
+"""A camera and a directional light in world space, as engines describe them."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,16 +9,16 @@ from .._checks import Numbers, checked, float_arrays
 
 
 class Camera(eqx.Module):
-    """A perspective camera: where it stands, how it is turned, and its view frustum.
+    """A perspective camera: position, orientation and view frustum.
 
-    Eye coordinates are left-handed as in AT09: x to the right, y up, z along the view. One camera; `jax.vmap` over
-    arrays of them.
+    Eye coordinates are left-handed as in AT09: x to the right, y up, z along the view. One camera; use `jax.vmap` for
+    several.
 
     Args:
         position: (3,) world position of the eye.
         forward: (3,) world direction of view, of any length.
         up: (3,) world direction that is up on the screen, not parallel to `forward`.
-        near, far: distances of the near and far planes, 0 < near < far; far may be inf, of a projection without a far
+        near, far: distances of the near and far planes, 0 < near < far; far may be inf for a projection without a far
             plane.
         half_fov: half the vertical field of view, in radians, in (0, pi/2).
         aspect: width over height of the screen.
@@ -37,7 +37,7 @@ class Camera(eqx.Module):
     rotation: Float[Array, "3 3"]  # rows: right, up and forward in world coordinates
     near: Float[Array, ""]
     far: Float[Array, ""]
-    window: Float[Array, "4"]  # slopes of the side planes: left, right, bottom, top; x / z and y / z of the edges
+    window: Float[Array, "4"]  # slopes of the side planes: left, right, bottom, top; x / z or y / z of each
 
     def __init__(
         self,
@@ -79,23 +79,23 @@ class Camera(eqx.Module):
         *,
         looks_along: str = "-z",
     ) -> "Camera":
-        """The camera of a world-to-eye matrix.
+        """The camera with a given world-to-eye matrix.
 
         Args:
-            view: (4, 4), for column vectors (transpose what is made for row vectors); rotation and translation only,
-                to 1e-4. The nearest view direction and up are made orthonormal.
+            view: (4, 4), for column vectors (transpose a matrix for row vectors); must be a rotation and translation
+                to 1e-4. The view direction and up are orthonormalised.
             near, far, half_fov, aspect: as for the class.
             looks_along: "-z" (OpenGL, Vulkan) or "+z" (Direct3D): the eye axis that points into the scene.
 
         Raises:
-            ValueError: for a singular matrix, or one that is not rotation, reflection and translation.
+            ValueError: a matrix that is singular or more than rotation, reflection and translation.
         """
         (view,) = float_arrays(view=view)
         if view.shape != (4, 4):
             raise ValueError(f"view: got shape {view.shape}, expected (4, 4)")
         if looks_along not in ("-z", "+z"):
             raise ValueError(f"looks_along: got {looks_along!r}, expected '-z' or '+z'")
-        # Engines build these in single precision, product by product, and print them with few digits.
+        # Engines compute these matrices in single precision and print them with few digits.
         tolerance = 1e3 * float(jnp.finfo(jnp.float32).eps)
 
         def rigid(matrix):
@@ -110,7 +110,7 @@ class Camera(eqx.Module):
         position = -turn.T @ view[:3, 3]
         forward = turn[2] if looks_along == "+z" else -turn[2]
         camera = cls(position, forward, turn[1], near, far, half_fov, aspect)
-        # The matrix's own right hand: a mirrored view stays mirrored.
+        # The matrix's own right axis: a mirrored view stays mirrored.
         side = jnp.where(turn[0] @ camera.rotation[0] < 0, -1, 1)
         rotation = camera.rotation.at[0].multiply(side)
         return eqx.tree_at(lambda c: c.rotation, camera, rotation)
@@ -130,7 +130,7 @@ class Camera(eqx.Module):
         """A camera whose window (left, right, bottom, top), slopes x/z and y/z of the side planes, is not centred.
 
         Raises:
-            ValueError: also where left >= right or bottom >= top.
+            ValueError: also for left >= right or bottom >= top.
         """
         if len(window) != 4:
             raise ValueError(f"window: got {len(window)} numbers, expected (left, right, bottom, top)")
@@ -157,7 +157,7 @@ class Camera(eqx.Module):
     def planes(self) -> Float[Array, "6 4"]:
         """The frustum in eye coordinates as half-spaces normal . c + offset >= 0, normals of unit length.
 
-        Without a far plane the last is all of space: normal 0, offset 1.
+        Without a far plane, the last one contains all of space: normal 0, offset 1.
         """
         left, right, bottom, top = self.window
         zero, one = jnp.zeros_like(left), jnp.ones_like(left)
@@ -168,11 +168,11 @@ class Camera(eqx.Module):
 
 
 class DirectionalLight(eqx.Module):
-    """Light from infinitely far away.
+    """A directional light.
 
     Args:
-        direction: (3,) world direction in which the light travels, of any length but zero; from behind the camera or
-            along the view too.
+        direction: (3,) world direction in which the light travels, of any nonzero length; it may be parallel to the
+            view direction.
 
     Raises:
         ValueError: for the zero vector, NaN or infinity.
@@ -191,7 +191,7 @@ class DirectionalLight(eqx.Module):
 
 
 def normalised(name: str, vector: Float[Array, "3"]) -> Float[Array, "3"]:
-    """The unit vector of its direction, by its largest component first, so that no square over- or underflows.
+    """The unit vector; divides by the largest component first, so that no square over- or underflows.
 
     Raises:
         ValueError: for a zero vector.
@@ -203,7 +203,7 @@ def normalised(name: str, vector: Float[Array, "3"]) -> Float[Array, "3"]:
 
 
 def far_plane(far: Float[Array, ""]) -> Float[Array, "4"]:
-    """The half-space before a far plane, in eye coordinates; all of space for inf."""
+    """The half-space in front of a far plane, in eye coordinates; all of space for inf."""
     zero, one = jnp.zeros_like(far), jnp.ones_like(far)
     ends = far < jnp.inf
     return jnp.stack([zero, zero, jnp.where(ends, -one, zero), jnp.where(ends, far, one)])
@@ -236,7 +236,7 @@ def _rotation(forward: Array, up: Array, handedness: str) -> Array:
     forward, up = normalised("forward", forward), normalised("up", up)
     right = side * jnp.cross(forward, up)
     size = jnp.sqrt((right * right).sum())
-    # Parallel up to rounding is no orientation at all.
+    # Vectors parallel up to rounding define no orientation.
     right = checked(
         "up",
         right,

@@ -14,13 +14,13 @@ from .camera import Camera, DirectionalLight
 class LightFrame(eqx.Module):
     """W's axes in eye coordinates (SC (3)): Z_w = normalised v - l (l.v), X_w perpendicular to it and to the light.
 
-    Where light and view are parallel (sin(theta) < eps^(1/2)) Z_w is frozen to the screen's down axis, without a
+    Where light and view are parallel (sin(theta) < eps^(1/2)), Z_w is fixed to the screen's down axis, with zero
     gradient: the limit of AT09's setting as theta goes to 0.
 
     Attributes:
         x_axis, z_axis, light: (3,) unit vectors in eye coordinates.
         theta: angle between light and view, radians in [0, pi].
-        parallel: whether Z_w is frozen.
+        parallel: whether Z_w is fixed to the screen's down axis.
         density_p, density_q: screen units per unit slope (x/z, y/z) along the screen images of Z_w and X_w.
 
     Example:
@@ -49,14 +49,14 @@ class LightFrame(eqx.Module):
         """The axes for one camera and one light.
 
         Args:
-            camera, light: one of each; `jax.vmap` over more.
-            screen: (width, height) in pixels, and
-            shadow_map: texels along (t, s), across and along the warp, both arrays or pairs: errors are then pixels
-                per texel. Without them the screen has square pixels and height 2, and the map is 1 by 1, the units of
-                AT09 (13), (14). Traced values are a `SceneView`'s, which has checked them.
+            camera, light: one of each; use `jax.vmap` for more.
+            screen: (width, height) in pixels.
+            shadow_map: texels along (t, s), across and along the warp. With both, as arrays or pairs, errors are in
+                pixels per texel. Without them the screen has square pixels and height 2, and the map is 1 by 1, the
+                units of AT09 (13), (14). Traced values must come from a `SceneView`, which has checked them.
 
         Raises:
-            ValueError: only one of the two, or not two positive numbers.
+            ValueError: only one of `screen` and `shadow_map`, or not two positive numbers.
         """
         if not is_traced(screen, shadow_map):
             screen, shadow_map = resolutions(screen, shadow_map)
@@ -64,14 +64,14 @@ class LightFrame(eqx.Module):
         l = camera.rotation @ light.direction.astype(camera.rotation.dtype)  # noqa: E741, the paper's letter
         # v = (0, 0, 1): v - l (l.v) = (-lx lz, -ly lz, lx^2 + ly^2), whose length is sin(theta).
         sine_squared = l[0] ** 2 + l[1] ** 2
-        # Z_w is free where light and view are parallel, and its gradient grows as 1/sin(theta). Up to sqrt(eps) the
-        # depths' error in treating it so is below rounding in the warp's value.
+        # Z_w is arbitrary where light and view are parallel, and its gradient grows as 1/sin(theta). Up to sqrt(eps),
+        # fixing it changes the depths by less than rounding changes the warp.
         parallel = sine_squared < jnp.finfo(l.dtype).eps
         sine = jnp.sqrt(jnp.where(parallel, 1, sine_squared))
-        # X_w lies in the screen plane; right where the light goes up the screen, as in AT09's figures. The side is
-        # chosen so that x keeps its sense when the light swings past the view.
+        # X_w lies in the screen plane; to the right where the light travels up the screen, as in AT09's figures. The
+        # sign is chosen so that x does not flip when the light passes the view direction.
         across_screen = jnp.stack([l[1], -l[0], jnp.zeros_like(l[0])]) / sine
-        # Frozen axes are still exactly perpendicular to the light: a caster and its receiver share a texel.
+        # Fixed axes too are exactly perpendicular to the light: a caster and its receiver share a texel.
         fixed = jax.lax.stop_gradient(l)
         fixed_x = jnp.stack([jnp.ones_like(l[0]), jnp.zeros_like(l[0]), -fixed[0] / jnp.where(parallel, fixed[2], 1)])
         fixed_x = fixed_x / jnp.sqrt((fixed_x * fixed_x).sum())
@@ -94,11 +94,11 @@ class LightFrame(eqx.Module):
         return jnp.asarray(points) @ self.x_axis
 
     def eye_depth(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
-        """What errors are inversely proportional to: z under a directional light."""
+        """The depth that errors are inversely proportional to: z under a directional light."""
         return jnp.asarray(points)[..., 2]
 
     def along_light(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
-        """l . c, which grows away from the light."""
+        """l . c, which increases away from the light."""
         return jnp.asarray(points) @ self.light
 
 

@@ -1,7 +1,7 @@
-"""The view frustum as the light sees it: AT09 section 2.4, in sums of positive terms only.
+"""The view frustum in light space: AT09 section 2.4, written with sums of non-negative terms only.
 
-Written naively, mu loses up to 12 digits and delta all of them (theta near phi, light along the view). Here every
-length is a sum of non-negative terms, in units of the near distance, so nothing cancels and nothing overflows.
+The direct formulas lose up to 12 digits of mu and all digits of delta (theta near phi, light along the view). Here
+every length is a sum of non-negative terms in units of the near distance, so nothing cancels and nothing overflows.
 """
 
 import math
@@ -19,7 +19,7 @@ from .view_frustum import ViewFrustum
 
 
 class LightDepth(NamedTuple):
-    """A normalised depth along the warping axis Z_w, carried with its complement so that neither is a difference.
+    """A normalised depth along the warping axis Z_w, stored with its complement so that neither is a difference.
 
     Example:
         >>> depth = LightDepth(delta=0.25, one_minus_delta=0.75)
@@ -36,17 +36,17 @@ class LightDepth(NamedTuple):
 
 
 def checked_theta(theta: Numbers, frustum: Any) -> Float[Array, "..."]:
-    """theta as an array of the frustum's dtype; the frustum is a `ViewFrustum`, or what a rule takes for one.
+    """theta as an array of the frustum's dtype; the frustum is a `ViewFrustum`, or a stand-in for it that rules accept.
 
     Raises:
-        ValueError: outside [0, pi], or NaN, or of a shape that does not broadcast with the frustum; what is no frustum
-            (a camera).
+        ValueError: theta outside [0, pi], NaN, or of a shape that does not broadcast with the frustum; a `frustum` of
+            the wrong class, such as a camera.
     """
     if not (hasattr(frustum, "near") and hasattr(frustum, "half_fov")):
         raise ValueError(f"frustum: got {shown(frustum)}, expected a ViewFrustum")
     theta, near = float_arrays(theta=theta, near=frustum.near)
     joint_shape(theta=theta, frustum=near)
-    # float32(pi), which lies 9e-8 beyond pi: what a user of float32 can write, also after promotion.
+    # float32(pi), which lies 9e-8 beyond pi: accepted, as float32 users write it, also after promotion.
     top = np.float32(np.pi)
     return checked("theta", theta, lambda v: (v >= 0) & (v <= top), "radians in [0, pi]")
 
@@ -55,11 +55,11 @@ class LightSpace(eqx.Module):
     """One view frustum under one directional light in the YZ plane, at angle theta to the view direction.
 
     Light-space depth is d = z sin(theta) - y cos(theta) - d0, in [0, mu] over the frustum (AT09 appendix; VN (13), both
-    branches). Points are named by (u, z): u = 0 on the side plane of least d ("upper" in AT09's figures), 1 on the
-    other. The fields are lengths over `near`, notation of the derivation: a = sin(theta) - tan(phi) cos(theta) and
+    branches). Points are given by (u, z): u = 0 on the side plane of least d ("upper" in AT09's figures), 1 on the
+    other. The fields are lengths over `near`, in the derivation's notation: a = sin(theta) - tan(phi) cos(theta) and
     b = sin(theta) + tan(phi) cos(theta) are the light-space slopes of the two side planes.
 
-    At theta = phi (a = 0) the slopes of mu and d0 kink; the derivative there is the one on its left in theta.
+    At theta = phi (a = 0) mu and d0 have a kink; the derivative there is the left one in theta.
 
     Example:
         >>> import jax.numpy as jnp, warpopt
@@ -89,7 +89,7 @@ class LightSpace(eqx.Module):
         tan_phi = jnp.tan(phi)
         T = tan_phi * c
         # a = s - T cancels near theta = phi; sin(theta - phi)/cos(phi) does not. Beyond pi/2 the angle is pi - theta,
-        # and a float's pi would lose digits: the rest of pi and the rounding of the sum are put back.
+        # and rounding of pi would lose digits: the remainder of pi and the rounding of the sum are added back.
         pi, rest, rest_of_rest = _pi_in_parts(s.dtype)
         difference = (jnp.asarray(pi) - theta) - phi
         angle = jnp.where(mirrored, difference + rest, theta - phi)
@@ -138,8 +138,8 @@ class LightSpace(eqx.Module):
     def depth_yz(self, y: Float[Array | np.ndarray, "..."], z: Float[Array | np.ndarray, "..."]) -> LightDepth:
         """Depth of the points at eye coordinates (y, z).
 
-        On the upper plane y = z tan(phi) is itself a cancellation: A's relative error there is up to eps / eta,
-        whatever the formula. `depth_uz` has no such weakness.
+        On the upper plane y = z tan(phi) cancels: A's relative error there is up to eps / eta, whatever the formula.
+        `depth_uz` does not have this problem.
         """
         y, z = jnp.asarray(y), jnp.asarray(z)
         half = z * self.slope
@@ -155,7 +155,7 @@ class LightSpace(eqx.Module):
 def _sine_near_zero(x: Array, rounding: Array) -> Array:
     """sin(x + rounding) for |x| <= 0.34, where tan(theta)/tan(phi) is in [1/2, 2]; finite elsewhere.
 
-    Taylor's series to x^15, short by 3e-23 there, at a quarter of the library sine's time.
+    Taylor's series to x^15; its error is 3e-23 there, and it takes a quarter of the library sine's time.
     """
     series = [(-1) ** k / math.factorial(2 * k + 1) for k in range(7, 0, -1)]
     square = x * x
@@ -163,7 +163,7 @@ def _sine_near_zero(x: Array, rounding: Array) -> Array:
 
 
 def _pi_in_parts(dtype) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """pi as the sum of three numbers of the dtype, each the rounding of what the ones before leave."""
+    """pi as the sum of three numbers of the dtype, each the rounded remainder of those before."""
     hexadecimal = "0x1.921fb54442d18p+1", "0x1.1a62633145c07p-53", "-0x1.f1976b7ed8fbcp-109"
     parts = [float.fromhex(digits) for digits in hexadecimal]
     if dtype == np.float64:

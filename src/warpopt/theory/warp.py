@@ -1,4 +1,4 @@
-"""The warp: one bounded number eta in (0, 1] for the near-plane distance lambda of the warping frustum."""
+"""The warp: a bounded number eta in (0, 1] that replaces the near-plane distance lambda of the warping frustum."""
 
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -13,7 +13,7 @@ from .view_frustum import ViewFrustum
 
 @runtime_checkable
 class Body(Protocol):
-    """What a warp is made for: a light space, a view, a footprint, an `Extent`."""
+    """The body that a warp is made for: a light space, a view, a footprint, an `Extent`."""
 
     @property
     def start(self) -> Float[Array, "..."]:
@@ -27,7 +27,7 @@ class Body(Protocol):
 
 
 class Extent(NamedTuple):
-    """Where a body begins along Z_w, from the eye, and how far it reaches; lengths.
+    """Start (from the eye) and length of a body along Z_w.
 
     Example:
         >>> Extent(1.0, 99.0).mu
@@ -41,15 +41,15 @@ class Extent(NamedTuple):
 class Warp(eqx.Module):
     """A perspective warp of a shadow map, eta = lambda / (lambda + mu); eta = 1 is no warp (lambda = inf).
 
-    A warp knows the body that it was made for: its apex lies at start - lambda along Z_w from the eye, and stays there
-    when the warp is used over other receivers (`over`).
+    A warp stores the extent of the body it was made for: its apex lies at start - lambda along Z_w from the eye, and
+    stays there when the warp is used over other receivers (`over`).
 
     Attributes:
         eta: warp parameter in (0, 1]; at theta = pi/2 LiSPSM has sqrt(n/f) and PSM n/f.
-        one_minus_eta: 1 - eta, carried so that a weak warp keeps its digits.
+        one_minus_eta: 1 - eta, stored to keep a weak warp accurate.
         start: where the body begins along Z_w, a length from the eye.
         mu: depth range of the warping frustum, a length.
-        defined: False where a published rule yields no lambda > 0 and no warp was put in its place.
+        defined: False where a published rule yields no lambda > 0; eta is then 1 (no warp).
 
     Example:
         >>> warp = Warp.from_lam(11.0, Extent(start=1.0, mu=99.0))
@@ -69,7 +69,7 @@ class Warp(eqx.Module):
 
         Args:
             eta: in (0, 1], of a shape that broadcasts with the body's.
-            body: with a `start` and a `mu`: a `FrustumView`, a footprint, an `Extent`.
+            body: an object with `start` and `mu`: a `FrustumView`, a footprint, an `Extent`.
 
         Raises:
             ValueError: eta outside (0, 1], mu <= 0, or NaN; a body without an extent.
@@ -91,7 +91,7 @@ class Warp(eqx.Module):
 
     @classmethod
     def from_range_ratio(cls, ratio: ArrayLike, body: Body, defined: ArrayLike = True) -> "Warp":
-        """The warp of a given mu / lambda >= 0, the form without infinities; where not `defined`, no warp."""
+        """The warp of a given mu / lambda >= 0, a form without infinities; eta = 1 where not `defined`."""
         ratio = jnp.where(defined, ratio, 0)
         start, mu = jnp.asarray(body.start), jnp.asarray(body.mu)
         return cls(1 / (1 + ratio), ratio / (1 + ratio), start, mu, jnp.broadcast_to(defined, ratio.shape))
@@ -117,10 +117,10 @@ class Warp(eqx.Module):
         return -jnp.log(self.eta) / jnp.log1p((frustum.far - frustum.near) / frustum.near)
 
     def over(self, body: Body) -> "Warp":
-        """The same apex, for another body under the same light: lambda + (its start - start) is its lambda.
+        """The warp with the same apex for another body under the same light: lambda' = lambda + (start' - start).
 
-        No warp stays none. eta is NaN, and `defined` False, where the apex is not before the body; the verbs that use a
-        warp then refuse it in a sentence, or return NaN when traced.
+        eta = 1 stays 1. Where the apex does not lie before the body, eta is NaN and `defined` False; functions that use
+        such a warp raise an error, or return NaN when traced.
 
         Example:
             >>> farther = Warp.from_lam(11.0, Extent(1.0, 99.0)).over(Extent(5.0, 95.0))
@@ -128,8 +128,8 @@ class Warp(eqx.Module):
             15.0
         """
         start, mu = jnp.asarray(body.start, self.eta.dtype), jnp.asarray(body.mu, self.eta.dtype)
-        # A body that is the same up to rounding is the same: the difference of two starts would be all rounding where
-        # mu is much less than them.
+        # Starts that are equal up to rounding are treated as equal: their difference would be all rounding where mu is
+        # much smaller.
         eps = jnp.finfo(self.eta.dtype).eps
         shift = start - self.start
         same = jnp.abs(shift) <= 16 * eps * jnp.abs(start) + 4 * eps * mu
@@ -147,12 +147,12 @@ class Warp(eqx.Module):
         return Warp(eta, rest, start, mu, self.defined & before)
 
     def lost_over(self, own: "Warp") -> Bool[Array, "..."]:
-        """Where this warp has an eta and `own`, the same over another body, has none: its apex is not before it."""
+        """Where this warp has an eta but `own`, the same warp over another body, has none (apex not before it)."""
         return jnp.isnan(own.eta) & ~jnp.isnan(self.eta)
 
 
 def refuse_lost(lost: Bool[Array, "..."]) -> None:
-    """Refuse warps that have no eta over other receivers, see `Warp.lost_over`. Of traced values nothing is known.
+    """Refuse warps that have no eta over other receivers, see `Warp.lost_over`. Traced values are not checked.
 
     Raises:
         ValueError: the apex is not before the receivers.
@@ -167,7 +167,7 @@ def refuse_lost(lost: Bool[Array, "..."]) -> None:
 def _with_extent(name: str, value: Numbers, body: Body) -> tuple[Array, Array, Array]:
     if not (hasattr(body, "start") and hasattr(body, "mu")):
         raise ValueError(
-            f"body: got {type(body).__name__}, expected what has a start and a mu, as a FrustumView or an Extent has"
+            f"body: got {type(body).__name__}, expected an object with start and mu, such as a FrustumView or an Extent"
         )
     value, start, mu = float_arrays(**{name: value, "start": body.start, "mu": body.mu})
     start = checked("start", start, lambda v: abs(v) < jnp.inf, "a finite length")

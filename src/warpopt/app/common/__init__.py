@@ -1,5 +1,5 @@
-"""What two or more commands share, and what `experiments/` may use of the app.
+"""Code shared by two or more commands, and the part of the app that `experiments/` may use.
 
-`experiments/objective_pictures.py` draws as the commands do: for it `figure_style`, `error_maps` and `jax_settings`
-are public, as is the room `inputs`; `cli.main` is the command itself. All else of the app is the commands' own.
+`experiments/objective_pictures.py` draws with the commands' style: for it `figure_style`, `error_maps` and
+`jax_settings` are public, as is the package `inputs`; `cli.main` runs a command. The rest of the app is private.
 """

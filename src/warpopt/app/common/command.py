@@ -1,4 +1,4 @@
-"""What the commands' arguments share. A command imports JAX, and what needs it, once its input is known to be good."""
+"""Base classes of the commands. A command imports JAX, and code that needs it, only after its input is checked."""
 
 import abc
 import dataclasses
@@ -12,7 +12,7 @@ from .settings import ConfigError, read_config
 
 
 class Failed(Exception):
-    """A command could not do its work, though its input was good; in words."""
+    """A command failed although its input was valid; the message says why."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,14 +27,14 @@ class Configured(abc.ABC):
         """The type of the configuration."""
 
     def read(self, overrides: list[str]) -> Any:
-        """The configuration, whose output folder may be written."""
+        """The configuration; checks that its output folder can be written."""
         config = read_config(self.config, overrides, self.model())
         check_replaceable(config.output.directory)
         return config
 
     @abc.abstractmethod
     def answer(self, overrides: list[str]) -> int:
-        """Do what the command is for; the exit code."""
+        """Run the command; returns the exit code."""
 
 
 class Plain(abc.ABC):
@@ -47,4 +47,4 @@ class Plain(abc.ABC):
 
     @abc.abstractmethod
     def run(self) -> int:
-        """Do what the command is for; the exit code."""
+        """Run the command; returns the exit code."""

@@ -1,4 +1,4 @@
-"""Aliasing errors pixel by pixel, in NumPy: what the pictures of a scene show, and those of docs/objectives.md."""
+"""Aliasing errors per pixel, in NumPy: for the pictures of a scene, and those of docs/objectives.md."""
 
 import dataclasses
 
@@ -14,7 +14,7 @@ from ...scene_files.scene_camera import SceneCamera
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Mapping:
-    """A warped shadow map as far as its errors are concerned, in plain numbers.
+    """The parameters of a warped shadow map that determine its errors, as plain numbers.
 
     Attributes:
         x_axis, z_axis: X_w and Z_w in eye coordinates.
@@ -22,7 +22,7 @@ class Mapping:
         start, mu: of the footprint.
         densities: (density_p, density_q) of the light frame.
         eta: of the warp.
-        width, plain_width: what the map spans across, with the warp and without.
+        width, plain_width: width that the map spans, with and without the warp.
     """
 
     x_axis: np.ndarray
@@ -37,7 +37,7 @@ class Mapping:
 
     @classmethod
     def of(cls, solution: "warpopt.SceneSolution", width: ArrayLike, plain_width: ArrayLike) -> "Mapping":
-        """Of one scene's solution."""
+        """From one scene's solution."""
         frame, footprint = solution.frame, solution.footprint
         return cls(
             x_axis=np.asarray(frame.x_axis),
@@ -59,7 +59,7 @@ class Seen:
     Attributes:
         depth: (height, width) eye depths, inf for none.
         slopes: (height, width, 3): eye coordinates over z.
-        extent: of a section: (least z, largest z, least slope, largest slope). None for an image.
+        extent: for a section: (least z, largest z, least slope, largest slope). None for an image.
     """
 
     depth: np.ndarray
@@ -75,12 +75,12 @@ def image_of(camera: SceneCamera, depth: np.ndarray) -> Seen:
 
 
 def section_of(camera: SceneCamera, planes: np.ndarray, mapping: Mapping, height: int, width: int) -> Seen:
-    """The view frustum, within world half-spaces (K, 4), from the side: log z across, the light from above.
+    """The view frustum, within world half-spaces (K, 4), from the side: log z across, the light at the top.
 
-    Rows are slopes along the screen's image of Z_w. Errors do not vary across it, so that nothing is left out: a point
-    is a receiver if any across it is.
+    Rows are slopes along the screen image of Z_w. Errors do not vary across it, so no information is lost: a point is a
+    receiver if any point across it is.
     """
-    # Half-spaces in eye coordinates, normal . c + offset >= 0: of the window's edges, then the body's.
+    # Half-spaces in eye coordinates, normal . c + offset >= 0: first the window's edges, then the body's.
     left, right, bottom, top = camera.window
     normals = np.concatenate(
         [np.array([[1, 0, -left], [-1, 0, right], [0, 1, -bottom], [0, -1, top]]), planes[:, :3] @ camera.rotation.T]
@@ -110,7 +110,7 @@ def section_of(camera: SceneCamera, planes: np.ndarray, mapping: Mapping, height
         return least < most
 
     edges = np.geomspace(camera.near, camera.far, 2 * width + 1)
-    # A body thinner than a row, such as a ground plane, is drawn as thick as one.
+    # A body thinner than a row, such as a ground plane, is drawn with the thickness of a row.
     slack = 0.0 if inside(edges[1::2], 0.0).any() else row
     filled = np.flatnonzero(inside(edges[1::2], slack).any(0))
     if len(filled):
@@ -134,9 +134,9 @@ def errors(mapping: Mapping, seen: Seen, metric: str, warped: bool) -> np.ndarra
 
 
 def shading(seen: Seen, light: np.ndarray) -> np.ndarray:
-    """(height, width) in [0, 1]: matt surfaces in the light, from the depths alone; NaN for background.
+    """(height, width) in [0, 1]: shading of matt surfaces from the depths; NaN for background.
 
-    A pixel's normal is of the steps to that neighbour, on each axis, which is the nearer in depth: edges stay sharp.
+    On each axis, a pixel's normal uses the neighbour that is nearer in depth: edges stay sharp.
     """
     there = np.isfinite(seen.depth)
     points = np.where(there, seen.depth, np.nan)[..., None] * seen.slopes
@@ -145,7 +145,7 @@ def shading(seen: Seen, light: np.ndarray) -> np.ndarray:
     normal = normal / np.where(size > 0, size, 1)
     facing = np.where((normal * seen.slopes).sum(-1) > 0, -1, 1)
     lit = np.clip(-(normal @ light) * facing, 0, 1)
-    # A little light from the eye, so that what is turned away keeps its shape.
+    # A little light from the eye keeps surfaces in shade readable.
     shade = 0.12 + 0.1 * np.abs(normal[..., 2]) + 0.78 * lit
     return np.where(there, np.nan_to_num(shade, nan=0.2), np.nan)
 

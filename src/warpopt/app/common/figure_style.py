@@ -1,4 +1,4 @@
-"""What the figures share: colours, labels, axis furniture and layout, with matplotlib's object interface only."""
+"""The common style of the figures: colours, labels, axes and layout, with only matplotlib's object interface."""
 
 import contextlib
 import math
@@ -19,7 +19,7 @@ WORSE, WORSE_INK = "#f6dfd6", "#a0522d"  # where a rule is worse than no warp
 
 METRIC_LABELS = {"p": r"$E_p$", "q": r"$E_q$", "pxq": r"$E_{p\times q}$"}
 
-# Whatever a user's matplotlibrc says, the figures come out alike.
+# The figures do not depend on a user's matplotlibrc.
 _STYLE = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
@@ -53,27 +53,27 @@ _STYLE = {
     "svg.hashsalt": "warpopt",
 }
 PNG_DPI = 160
-_SVG_DPI = 110  # of the pictures inside; all else is vectors
-_LOCK = threading.RLock()  # rcParams are the process's: two threads must not restore each other's
+_SVG_DPI = 110  # for embedded pictures; the rest is vector graphics
+_LOCK = threading.RLock()  # rcParams are global: two threads must not restore each other's values
 
 
 @contextlib.contextmanager
-def house_style() -> Iterator[None]:
-    """The figures' style, set on entry and taken back on exit; also a decorator."""
+def shared_style() -> Iterator[None]:
+    """The figures' style, set on entry and restored on exit; also a decorator."""
     with _LOCK, matplotlib.rc_context(cast(Any, _STYLE)):
         yield
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, in inches, on the Agg canvas: it never looks for a display."""
+    """An empty figure, in inches, on the Agg canvas, which needs no display."""
     figure = Figure(figsize=(width, height))
     FigureCanvasAgg(figure)
     return figure
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write `path`.png and `path`.svg: text as outlines, no date, ids that depend on the content alone."""
-    with house_style():
+    """Write `path`.png and `path`.svg: text as outlines, no date, ids that depend only on the content."""
+    with shared_style():
         figure.savefig(path.with_name(path.name + ".png"), dpi=PNG_DPI, pil_kwargs={"compress_level": 4})
         figure.savefig(path.with_name(path.name + ".svg"), dpi=_SVG_DPI, metadata={"Date": None})
 
@@ -134,7 +134,7 @@ def theta_axis(axes: Axes, limit: float, label: bool = True) -> None:
 
 
 def beside(axes: Axes, text: str, at: tuple[float, float], offset: tuple[float, float], **options) -> None:
-    """Centred text at a place of the axes' box, offset in points: matplotlib's own titles measure every tick first."""
+    """Centred text at a point of the axes' box, offset in points: faster than matplotlib's titles."""
     options = {"ha": "center", "va": "center", "fontsize": 8.5, **options}
     axes.annotate(text, at, xycoords="axes fraction", xytext=offset, textcoords="offset points", **options)
 
@@ -152,7 +152,7 @@ def draw_curve(axes: Axes, theta_deg: np.ndarray, values: np.ndarray, label: str
 
 
 def decades(values: np.ndarray, low: float, high: float) -> tuple[float, float]:
-    """Limits of a log axis that hold all but the given quantiles of the finite positive values, with some room."""
+    """Limits of a log axis that hold all but the given quantiles of the finite positive values, with a margin."""
     logs = np.log10(values[np.isfinite(values) & (values > 0)])
     if not logs.size:
         return 0.01, 10.0

@@ -1,4 +1,4 @@
-"""What the command line asks of JAX, set before its first import."""
+"""JAX settings of the command line, set before JAX is first imported."""
 
 import hashlib
 import importlib.metadata
@@ -10,17 +10,17 @@ from pathlib import Path
 import platformdirs
 
 CACHE_VARIABLE = "WARPOPT_CACHE"
-"""The environment variable that names the folder of compiled programs, or is 0 for none."""
+"""The environment variable for the folder of compiled programs; 0 disables the cache."""
 
 
 def prepare_jax(devices: int | None = None) -> None:
-    """Double precision, on the user's own settings where there are any."""
+    """Double precision; settings that the user made are kept."""
     os.environ.setdefault("JAX_ENABLE_X64", "1")
-    # Tables are small: compiling is most of the time, and code of level 0 halves it.
+    # Tables are small: compilation takes most of the time, and optimisation level 0 halves it.
     flags = os.environ.get("XLA_FLAGS", "")
     if "xla_backend_optimization_level" not in flags:
         flags += " --xla_backend_optimization_level=0"
-        # So does the older of two emitters. An unknown flag ends the process, so only where it is known.
+        # The older of two emitters saves time too. An unknown flag ends the process, so it is set only if known.
         if importlib.metadata.version("jaxlib") == "0.10.1":
             flags += " --xla_cpu_use_fusion_emitters=false"
         os.environ["XLA_FLAGS"] = flags.strip()
@@ -30,9 +30,9 @@ def prepare_jax(devices: int | None = None) -> None:
 
 
 def _keep_compiled_programs() -> None:
-    """JAX's own cache, in a folder that only the same versions, flags and processor share.
+    """JAX's compilation cache, in a folder specific to versions, flags and processor.
 
-    A program that is cut off or damaged fails its checksum and is compiled anew.
+    A truncated or damaged program fails its checksum and is compiled again.
     """
     wanted = os.environ.get(CACHE_VARIABLE, "")
     if wanted == "0" or "JAX_COMPILATION_CACHE_DIR" in os.environ:
@@ -42,17 +42,17 @@ def _keep_compiled_programs() -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
-        return  # no place for it: compile
+        return  # no writable folder: no cache
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.01")
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
-    # jaxlib 0.10.1 says at each program that it reads that this may be another machine, which the folder rules out.
+    # jaxlib 0.10.1 warns at each cached program that the machine may differ, which the folder name excludes.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     warnings.filterwarnings("ignore", message="Error (reading|writing) persistent compilation cache")
 
 
 def _machine() -> str:
-    """A digest of all that decides what a compiled program is."""
+    """A digest of everything that determines a compiled program."""
     versions = [importlib.metadata.version(package) for package in ("warpopt", "jax", "jaxlib")]
     try:
         info = Path("/proc/cpuinfo").read_text().split("\n\n", 1)[0].splitlines()

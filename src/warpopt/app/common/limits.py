@@ -1,10 +1,10 @@
-"""What reports say of the lower bound: the limit, the best that any map of the depth could reach."""
+"""Text for reports about the lower bound ("limit"): the best that any map of the depth could reach."""
 
 import numpy as np
 
 
 def least_and_largest(values: np.ndarray) -> tuple[float, float] | None:
-    """Of the finite ones; None if there are none."""
+    """The least and largest finite value; None if there are none."""
     finite = values[np.isfinite(values)]
     return (float(finite.min()), float(finite.max())) if len(finite) else None
 

@@ -1,4 +1,4 @@
-"""Folders and files of results that appear whole or not at all."""
+"""Result folders and files, written atomically."""
 
 import contextlib
 import json
@@ -10,15 +10,15 @@ from pathlib import Path
 
 from .settings import ConfigError
 
-TABLE_ENDINGS = (".npz", ".csv", ".json")  # of files that hold a table or a map as data
-MARK = "run.json"  # the file by which a folder is known as a result
+TABLE_ENDINGS = (".npz", ".csv", ".json")  # extensions of table and map files
+MARK = "run.json"  # marks a folder as a result
 
 
 def check_replaceable(directory: Path) -> None:
-    """Refuse, before any work, a target that is not an earlier result.
+    """Refuse, before any work, a target that is not an existing result.
 
     Raises:
-        ConfigError: the target is a file, or a folder that holds something else.
+        ConfigError: the target is a file, or a folder with other contents.
     """
     if not directory.exists():
         return
@@ -41,15 +41,15 @@ def _written_before(directory: Path) -> set[str]:
 
 @contextlib.contextmanager
 def whole_folder(directory: Path) -> Iterator[Path]:
-    """A temporary folder beside `directory`, put in its place on success; on any failure it leaves no trace.
+    """A temporary folder next to `directory`, moved to its place on success and removed on failure.
 
-    An earlier result is moved aside first and removed last, so that at every moment one of the two is complete.
+    An existing result is moved aside first and removed last, so that one complete result exists at every moment.
 
     Raises:
         ConfigError: as `check_replaceable`, or the folder cannot be made.
     """
     check_replaceable(directory)
-    directory = directory.resolve()  # through links, so that what they point to is replaced
+    directory = directory.resolve()  # resolves links, so that their target is replaced
     try:
         directory.parent.mkdir(parents=True, exist_ok=True)
         _clear_away(directory)
@@ -75,7 +75,7 @@ def whole_folder(directory: Path) -> Iterator[Path]:
 
 
 def _clear_away(directory: Path) -> None:
-    """Remove what killed runs of the same output left beside it, and put back a result that one had moved aside."""
+    """Remove what killed runs of the same output left next to it, and restore a result that one had moved aside."""
     for left in directory.parent.glob(f".{directory.name}.*-*"):
         process = left.name.removeprefix(f".{directory.name}.").partition("-")[0]
         if left.suffix not in (".part", ".old") or not process.isdigit() or _alive(int(process)):
@@ -91,7 +91,7 @@ def _alive(process: int) -> bool:
         os.kill(process, 0)
     except ProcessLookupError:
         return False
-    except OSError:  # somebody else's
+    except OSError:  # another user's process
         return True
     return True
 
@@ -103,7 +103,7 @@ def _umask() -> int:
 
 
 def check_files_replaceable(paths: Iterable[Path]) -> None:
-    """Refuse, before any work, to replace what warpopt did not write.
+    """Refuse, before any work, to replace files that warpopt did not write.
 
     Raises:
         ConfigError: a target is a folder, or a file whose beginning does not name warpopt.
@@ -115,15 +115,17 @@ def check_files_replaceable(paths: Iterable[Path]) -> None:
             with path.open("rb") as file:
                 head = file.read(4096).replace(b"\0", b"")  # npz keeps text as UTF-32
             if b"warpopt" not in head:
-                raise ConfigError(f"{path}: got a file that warpopt did not write, expected its own or a new name")
+                raise ConfigError(
+                    f"{path}: got a file that warpopt did not write, expected one that it wrote or a new name"
+                )
 
 
 def whole_files(contents: Mapping[Path, bytes]) -> None:
-    """Write several files, all or none: each beside its place first, then moved there; a failure puts all back.
+    """Write several files, all or none: each next to its place first, then moved; on failure all are restored.
 
     Raises:
         ConfigError: as `check_files_replaceable`, or a folder cannot be made.
-        OSError: a file cannot be written; all are then as they were.
+        OSError: a file cannot be written; all are left unchanged.
     """
     check_files_replaceable(contents)
     for folder in {path.parent for path in contents}:
@@ -134,7 +136,7 @@ def whole_files(contents: Mapping[Path, bytes]) -> None:
     with contextlib.ExitStack() as stack:
         staged = []
         for path, content in contents.items():
-            target = path.resolve()  # through links, so that what they point to is replaced
+            target = path.resolve()  # resolves links, so that their target is replaced
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix=".warpopt.", dir=target.parent)))
             (folder / "new").write_bytes(content)
             staged.append((target, folder / "new", folder / "old"))

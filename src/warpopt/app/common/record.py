@@ -1,4 +1,4 @@
-"""What every command's folder records, and the bar that shows it is at work."""
+"""The records in every command's result folder, and the progress bar."""
 
 import contextlib
 import csv
@@ -27,7 +27,7 @@ _PACKAGES = ("warpopt", "jax", "jaxlib", "optimistix", "equinox", "numpy", "matp
 
 @contextlib.contextmanager
 def progress_bar(console: Console, steps: int) -> Iterator[Callable[[str], None]]:
-    """A bar that goes one step further at each call, which names what is done; nothing where there is no terminal."""
+    """A bar that advances at each call, which names the finished step; silent without a terminal."""
     columns = (TextColumn("{task.description:<40}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("starting", total=steps)
@@ -35,7 +35,7 @@ def progress_bar(console: Console, steps: int) -> Iterator[Callable[[str], None]
 
 
 def environment(config: BaseModel, dtype: Any, timings: dict[str, float], others: tuple[str, ...] = ()) -> dict:
-    """What a later reader needs to repeat a run: configuration, versions (of `others` too), device, seconds."""
+    """The data needed to repeat a run: configuration, versions (also of `others`), device, seconds."""
     return {
         "config": config.model_dump(mode="json"),
         "versions": {
@@ -50,14 +50,14 @@ def environment(config: BaseModel, dtype: Any, timings: dict[str, float], others
 
 @contextlib.contextmanager
 def timed(timings: dict[str, float], name: str) -> Iterator[None]:
-    """Note how many seconds the block took."""
+    """Record the seconds that the block took."""
     start = time.perf_counter()
     yield
     timings[name] = time.perf_counter() - start
 
 
 def outcome_counts(results: Any) -> dict[str, int]:
-    """How many of each outcome there are, by name."""
+    """The number of problems with each outcome, by name."""
     values, counts = np.unique(np.asarray(results, int), return_counts=True)
     return {warpopt.Outcome(v).name: n for v, n in zip(values.tolist(), counts.tolist(), strict=True)}
 
@@ -74,7 +74,7 @@ def write_json(path: Path, data: Any) -> None:
 
 
 def write_csv(path: Path, heads: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
-    """A table; floats as Python writes them, which read back the same."""
+    """A table; floats in Python's format, which reads back exactly."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(heads)
@@ -82,5 +82,5 @@ def write_csv(path: Path, heads: Iterable[str], rows: Iterable[Iterable[Any]]) -
 
 
 def write_mark(folder: Path, record: dict[str, Any]) -> None:
-    """The record by which a folder is known as a result, with its files named."""
+    """The record that marks a folder as a result; lists its files."""
     write_json(folder / MARK, record | {"files": sorted([*(path.name for path in folder.iterdir()), MARK])})

@@ -1,4 +1,4 @@
-"""What the commands' configurations share: their tables, and how file and command line are read. Knows no JAX."""
+"""The configuration tables shared by commands, and the reading of file and command line. Does not import JAX."""
 
 import copy
 import itertools
@@ -14,7 +14,7 @@ from warpopt.objective import PRODUCTS, Measure, Objective, norm_name, order_of
 
 
 class ConfigError(Exception):
-    """Bad input, in words for its author: every flaw, one a line."""
+    """Bad input; the message lists every error, one per line."""
 
 
 class Section(pydantic.BaseModel):
@@ -23,7 +23,7 @@ class Section(pydantic.BaseModel):
     model_config = pydantic.ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-# Strict: a number is neither true nor "30".
+# Strict: a number is not true and not "30".
 Positive = Annotated[float, Field(gt=0, strict=True)]
 HalfFovDeg = Annotated[float, Field(gt=0, lt=90, strict=True)]
 ThetaDeg = Annotated[float, Field(ge=0, le=180, strict=True)]
@@ -34,7 +34,7 @@ else:
 
 
 def _norm(value: Any) -> Any:
-    """Orders may come as numbers or, from the command line, as their text; one name for one norm."""
+    """Orders may be numbers or, from the command line, text; gives one name per norm."""
     try:
         order = order_of(value)
     except ValueError as error:
@@ -61,7 +61,7 @@ Distinct = pydantic.AfterValidator(_distinct)
 
 
 class NearFar(Section):
-    """What has a near plane, and far planes beyond it: one, several or none."""
+    """A near plane, and far planes beyond it: one, several or none."""
 
     @pydantic.field_validator("far", check_fields=False)
     @classmethod
@@ -99,7 +99,7 @@ class LightAngles(Section):
     @pydantic.field_validator("theta_deg", mode="wrap")
     @classmethod
     def _range_or_list(cls, value: Any, handler: Any) -> Any:
-        # Chosen by shape, so that a flaw is reported once and for what was meant.
+        # Chosen by type, so that an error is reported only once, for the intended form.
         if isinstance(value, dict):
             return ThetaRange.model_validate(value)
         return handler(listed(value))
@@ -135,21 +135,21 @@ class OneObjective(Section):
     measure: Measure = "screen"
 
     def objective_value(self) -> Objective:
-        """The library's own."""
+        """The library's objective."""
         return Objective(self.metric, self.norm, self.measure)
 
 
 def validated(model: type[pydantic.BaseModel], data: dict[str, Any], source: str) -> Any:
-    """The model of the data.
+    """The validated model of the data.
 
     Raises:
-        ConfigError: naming the source and, with its dotted path, each flaw: what was got, what was expected.
+        ConfigError: names the source and, with its dotted path, each error: what was got, what was expected.
     """
     try:
         return model.model_validate(data)
     except pydantic.ValidationError as error:
         lines = [_flaw(flaw) for flaw in error.errors()]
-        raise ConfigError("\n".join([f"{source}: {len(lines)} flaw{'s' * (len(lines) > 1)}", *lines])) from None
+        raise ConfigError("\n".join([f"{source}: {len(lines)} error{'s' * (len(lines) > 1)}", *lines])) from None
 
 
 def _flaw(flaw: Any) -> str:
@@ -161,7 +161,7 @@ def _flaw(flaw: Any) -> str:
         return f"  {path}: unknown key"
     if flaw["type"] == "missing":
         return f"  {path}: missing"
-    # What a whole section's validator found: it says what was got, and of which key, better than the section's text.
+    # Errors from a whole section's validator already name the key and the value, better than the section's text.
     if message.startswith("got "):
         return f"  {path}: {message}" if path else f"  {message}"
     if ": got " in message:
@@ -171,7 +171,7 @@ def _flaw(flaw: Any) -> str:
 
 
 def _expectation(message: str) -> str:
-    """pydantic's words in ours."""
+    """pydantic's message in the style of warpopt's."""
     if message.startswith(("List should have at least", "Value should have at least 1 item")):
         return "expected at least one item"
     if "not a valid path" in message:
@@ -184,16 +184,16 @@ def _expectation(message: str) -> str:
 
 
 def read_config(path: Path, overrides: list[str], model: type[pydantic.BaseModel]) -> Any:
-    """The configuration, a `model`, of a TOML file with `--section.key value` pairs laid over it.
+    """The configuration, a `model`, from a TOML file, overridden by `--section.key value` pairs.
 
     Raises:
-        ConfigError: a file that is missing or not TOML, a malformed override, or any flaw of the whole.
+        ConfigError: a file that is missing or not TOML, a malformed override, or an invalid configuration.
     """
     return validated(model, read_data(path, overrides), str(path))
 
 
 def read_data(path: Path, overrides: list[str]) -> dict[str, Any]:
-    """The file's tables with the overrides laid over them, not validated.
+    """The file's tables with the overrides applied, not validated.
 
     Raises:
         ConfigError: a file that is missing or not TOML, or a malformed override.
@@ -207,8 +207,8 @@ def read_data(path: Path, overrides: list[str]) -> dict[str, Any]:
     return _overridden(data, overrides)
 
 
-# Not tyro's own: it wants every default valid before it is overridden, each element of a list a word of its own
-# (`--view.far 10 500`, where TOML says [10, 500]), and makes a subcommand of a key that is a table or a list.
+# tyro is not used here: it requires every default to be valid before it is overridden, and each element of a list as a
+# separate word (`--view.far 10 500`, where TOML says [10, 500]), and makes a key with a table or a list a subcommand.
 def _overridden(data: dict[str, Any], overrides: list[str]) -> dict[str, Any]:
     data = copy.deepcopy(data)
     words = list(overrides)
@@ -225,7 +225,7 @@ def _overridden(data: dict[str, Any], overrides: list[str]) -> dict[str, Any]:
         target = data
         for section in sections:
             match target.get(section):
-                case [dict() as only]:  # the only one of [[section]]
+                case [dict() as only]:  # a single [[section]]
                     target = only
                     continue
                 case [dict(), *_] as several:

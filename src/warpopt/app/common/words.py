@@ -1,4 +1,4 @@
-"""What reports share: tables, pictures and phrases."""
+"""Text helpers for reports: tables, pictures and phrases."""
 
 from collections.abc import Iterable, Sequence
 

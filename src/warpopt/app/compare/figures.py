@@ -1,4 +1,4 @@
-"""The figures of a comparison: a map of rules against directions, and curves where there are few enough of them."""
+"""The figures of a comparison: a map of rules against directions, and curves if there are few enough."""
 
 from pathlib import Path
 
@@ -18,18 +18,18 @@ from .solve import Compared
 MOST_CURVES = 24
 MOST_PANELS = 6
 _YOURS = "#c2185b"
-_STRIP = 0.72  # inches, of optimum / limit below a panel
-# For the few curves that matter, told apart without colour too; the rest is thin and grey.
+_STRIP = 0.72  # inches, the optimum / limit strip below a panel
+# For the few important curves, distinguishable without colour too; the others are thin and grey.
 _LOOKS = (
     ("#0072b2", "-"), ("#d55e00", (0, (6, 1.6))), ("#e8a200", (0, (1.6, 1.1))), ("#7b2d9b", (0, (6, 1.4, 1.4, 1.4))),
     ("#00806a", (0, (9, 2, 3, 2))), ("#56b4e9", (0, (3, 1))),
 )  # fmt: skip
 _REST = {"color": "#b0b0b0", "linewidth": 0.9, "linestyle": "-", "zorder": 3}
 _REST_INK = "#7d7d7d"
-_CROWD = 8  # of more curves, thin ones are named only where there is room
-_LONGEST = 24  # letters of a rule's name
-_APART = 0.058  # of the axis: a line of letters
-_AT_EDGE = 0.9  # of the axis: curves that end beyond are named at its right
+_CROWD = 8  # above this number, thin curves are named only if there is space
+_LONGEST = 24  # characters of a rule's name
+_APART = 0.058  # of the axis: the height of a text line
+_AT_EDGE = 0.9  # of the axis: curves that end beyond it are named on the right
 _CELL = 0.2  # inches, a row of the map
 _LEVELS = (1.0, 1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
 _SHADES = ("#f7fbf3", "#fdf3cf", "#fbdf9d", "#f7bd6a", "#ee9150", "#d9603f", "#b2332f", "#7a1226")
@@ -57,7 +57,7 @@ def _left_out(compared: list[Compared]) -> str:
 
 
 def _short(name: str) -> str:
-    """A rule's name where there is little room."""
+    """A rule's name, shortened."""
     title = rule_title(name)
     return title if len(title) <= _LONGEST else title[: _LONGEST - 1] + "…"
 
@@ -69,25 +69,25 @@ def _title(c: Compared) -> str:
 
 def _curves_caption(compared: list[Compared]) -> str:
     return (
-        "Each rule's error over the optimum's against the angle between view and light. Coloured are the rules that "
-        "are best on average in one of the panels, and your own; of the others those are named that have room (the "
-        "map has every name). The black line is the optimum. In the shaded region a rule is worse than no warp. The "
-        "strips below have the optimum as a multiple of the limit, the best that any map of the depth could do, where "
-        "it is known: times that is a rule's own multiple. A curve is missing where its rule yields no λ > 0, and "
+        "Each rule's error relative to the optimum's against the angle between view and light. Coloured: the rules "
+        "that are best on average in one of the panels, and your own; other rules are named if there is space (the "
+        "map has every name). Black line: the optimum. Shaded region: worse than no warp. The strips below show the "
+        "optimum as a multiple of the limit, the best that any map of the depth could reach, where it is known; "
+        "multiply to get a rule's multiple of the limit. A curve is missing where its rule yields no λ > 0, and "
         "leaves the panel where it is worse than every ranked rule's worst." + _left_out(compared)
     )
 
 
 def _map_caption(compared: list[Compared]) -> str:
     return (
-        "Each rule's error over the optimum's, the best on average at the top: the darker, the worse. To the right "
-        "its mean, its worst, and its worst over the limit (the best that any map of the depth could do) where it is "
-        "known; the row on top is the optimum itself over that limit. Hatched: worse than no warp at all. Grey: the "
-        "rule yields no λ > 0; rules with grey stand below the others." + _left_out(compared)
+        "Each rule's error relative to the optimum's, the best on average at the top: darker is worse. To the right: "
+        "its mean, its worst, and its worst relative to the limit (the best that any map of the depth could reach) "
+        "where it is known; the top row is the optimum relative to that limit. Hatched: worse than no warp. Grey: the "
+        "rule yields no λ > 0; rules with grey are below the others." + _left_out(compared)
     )
 
 
-@style.house_style()
+@style.shared_style()
 def curves_figure(compared: list[Compared]) -> Figure:
     """value / optimum against theta, a panel for each objective, every curve named at its right end."""
     compared = compared[:MOST_PANELS]
@@ -160,7 +160,7 @@ def _limit_strip(axes: Axes, c: Compared) -> None:
 
 
 def _with_room(spare: list[tuple], labels: list[tuple], limits: tuple[float, float]) -> list[tuple]:
-    """Those of the spare labels that end apart from every other, within the panel."""
+    """The spare labels whose ends are apart from every other label, within the panel."""
     low, high = np.log10(limits)
     ends = np.array([(np.log10(value) - low) / (high - low) for _, value, *_ in [*spare, *labels]])
     near = (np.abs(ends[:, None] - ends) < _APART).sum(1) > 1
@@ -168,7 +168,7 @@ def _with_room(spare: list[tuple], labels: list[tuple], limits: tuple[float, flo
 
 
 def _limits(c: Compared) -> tuple[float, float]:
-    """Of the panel: all of the rules that are ranked; what is worse than these, no warp say, may leave it."""
+    """Limits of the panel: all ranked rules; worse curves, such as no warp, may leave it."""
     r = c.result
     ranked = [r.worst(name).ratio for name in r.ranking() if name != "ssm"]
     most = max((ratio for ratio in ranked if np.isfinite(ratio)), default=float(np.nanmax(r.unwarped_ratio, initial=1)))
@@ -176,7 +176,7 @@ def _limits(c: Compared) -> tuple[float, float]:
 
 
 def _looks(compared: list[Compared]) -> dict[str, dict]:
-    """How the curves that matter are drawn in every panel: the best on average in one of them, the user's, no warp."""
+    """The style of the highlighted curves in every panel: the best on average in one of them, the user's, no warp."""
     best = dict.fromkeys(name for c in compared for name in [n for n in c.result.ranking() if n != "ssm"][:1])
     own = [name for name in compared[0].result.names if rule_title(name) == name]
     looks = {"ssm": {"color": style.MUTED, "linewidth": 2.2, "linestyle": "-", "zorder": 4}}
@@ -187,10 +187,10 @@ def _looks(compared: list[Compared]) -> dict[str, dict]:
 
 
 def _name_curves(axes: Axes, labels: list[tuple], limits: tuple[float, float], limit: float) -> None:
-    """Names to the right, in the order of the curves' ends, apart enough to be read, with a line to each end."""
+    """Names to the right, in the order of the curves' ends, spaced for reading, with a line to each end."""
     low, high = np.log10(limits)
     for theta, value, text, colour in labels:
-        if theta < _AT_EDGE * limit:  # its rule is not defined beyond
+        if theta < _AT_EDGE * limit:  # its rule is undefined beyond this theta
             options = {"textcoords": "offset points", "va": "center", "fontsize": 7.4, "color": colour, "zorder": 7}
             axes.annotate(text, (theta, value), xytext=(4, 0), annotation_clip=True, **options)
     labels = sorted((label for label in labels if label[0] >= _AT_EDGE * limit), key=lambda label: label[1])
@@ -209,7 +209,7 @@ def _name_curves(axes: Axes, labels: list[tuple], limits: tuple[float, float], l
         axes.text(1.045, y, text, color=colour, fontsize=7.4, va="center", transform=axes.transAxes)
 
 
-@style.house_style()
+@style.shared_style()
 def map_figure(compared: list[Compared]) -> Figure:
     """value / optimum as colour, a row for each rule, the best at the top; a panel for each objective."""
     compared = compared[:MOST_PANELS]
@@ -228,7 +228,7 @@ def map_figure(compared: list[Compared]) -> Figure:
     for place, c in enumerate(compared):
         row, column = divmod(place, columns)
         x = left + column * (left + width + numbers)
-        own = _CELL * (count + (c.result.bound is not None))  # panels end on one line
+        own = _CELL * (count + (c.result.bound is not None))  # aligns the panels' lower ends
         axes = style.place(figure, x, row * (height + down) + 0.42 + height - own, width, own)
         _map_panel(axes, c, last=place + columns >= len(compared))
     _map_legend(figure, left, total)
@@ -293,7 +293,7 @@ def _map_panel(axes: Axes, c: Compared, last: bool) -> None:
 
 
 def _map_numbers(axes: Axes, c: Compared, order: list[str], first: int) -> None:
-    """Beside each row the mean, the worst, and the worst over the limit; of the optimum the last alone."""
+    """Next to each row: the mean, the worst, and the worst over the limit; for the optimum, only the last."""
     r = c.result
     columns = {"mean": [r.mean(name) for name in order], "worst": [r.worst(name).ratio for name in order]}
     if first:

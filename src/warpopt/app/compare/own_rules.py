@@ -1,4 +1,4 @@
-"""The user's rules: functions in modules of their own, found and then imported."""
+"""The user's rules: functions in their modules, which are located first and imported later."""
 
 import contextlib
 import importlib
@@ -12,15 +12,15 @@ from .settings import RulesConfig
 
 
 def check_modules(rules: RulesConfig, folder: Path) -> None:
-    """Refuse, before any work, modules that are nowhere; what they hold is known when they are imported.
+    """Refuse, before any work, modules that do not exist; their contents are checked on import.
 
     Raises:
-        ConfigError: naming the rule and the module.
+        ConfigError: names the rule and the module.
     """
     with _beside(folder):
         for name, place in rules.own.items():
             module = place.partition(":")[0]
-            package = module.partition(".")[0]  # to look for a submodule would import its package
+            package = module.partition(".")[0]  # searching for a submodule would import its package
             if importlib.util.find_spec(package) is None:
                 raise ConfigError(
                     f"rules.own.{name}: got module {package!r}, which is neither installed nor in {folder}"
@@ -39,7 +39,7 @@ def own_rules(rules: RulesConfig, folder: Path) -> dict[str, Callable]:
             module_name, _, function = place.partition(":")
             try:
                 module = importlib.import_module(module_name)
-            except Exception as error:  # whatever a stranger's module may raise
+            except Exception as error:  # a user's module may raise anything
                 words = f"{type(error).__name__}: {error}".splitlines()[0]
                 raise ConfigError(f"rules.own.{name}: module {module_name!r} cannot be imported: {words}") from error
             rule = getattr(module, function, None)
@@ -54,7 +54,7 @@ def own_rules(rules: RulesConfig, folder: Path) -> dict[str, Callable]:
 
 @contextlib.contextmanager
 def _beside(folder: Path) -> Iterator[None]:
-    """The folder first among the places where modules are looked for."""
+    """Put the folder first on the module search path."""
     entry = str(folder.resolve())
     sys.path.insert(0, entry)
     importlib.invalidate_caches()

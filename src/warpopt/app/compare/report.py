@@ -1,4 +1,4 @@
-"""`report.md` of a comparison: a ranking in words, and the table."""
+"""`report.md` of a comparison: a ranking as text, and the table."""
 
 from typing import TYPE_CHECKING
 
@@ -43,12 +43,12 @@ def where_text(c: Compared, kind: str, name: str) -> str:
 
 
 def ratio_text(ratio: float) -> str:
-    """To three digits, "unbounded", or "-" where there is none."""
+    """Text with three digits, "unbounded", or "-" if there is no ratio."""
     return f"{ratio:.3g}" if np.isfinite(ratio) else "-" if np.isnan(ratio) else "unbounded"
 
 
 def place_text(c: Compared, worst: "Worst") -> str:
-    """Where a rule is worst, in words."""
+    """Where a rule is worst, as text."""
     if worst.nearest < 0:
         return "-"
     angle = f"{np.rad2deg(worst.theta):.4g} deg"
@@ -78,30 +78,30 @@ def _opening(config: CompareConfig | SceneCompareConfig) -> str:
         view = config.view
         over = (
             f"The view frustum n = {view.near:g}, f = {view.far:g}, half field of view {view.half_fov_deg:g} deg; "
-            f"norms over the measure `{config.objective.measure}`. The worst is sought between the directions too; a "
-            "rule that has no bound has no mean."
+            f"norms over the measure `{config.objective.measure}`. The worst is searched between the directions too; "
+            "an unbounded rule has no mean."
         )
     else:
         over = (
-            f"The receivers of a scene ({config.receivers.kind}). Rules are applied as their sources apply them, to "
-            "the receivers' eye depths and their extent along the warp (to the camera's own planes where a source "
-            "takes those); your own rules and the TSM alternative, which are made for the whole frustum, keep the "
-            "apex that they have there: lambda over the receivers is lambda + (where the receivers begin) - (where the "
-            "frustum begins). Of points and depth buffers the limit is "
-            "that of maps that are linear within each of 256 depths, below which a warp may be by up to 8 %."
+            f"The receivers of a scene ({config.receivers.kind}). Rules are applied as in their sources, to "
+            "the receivers' eye depths and their extent along the warp (to the camera's near or far plane where a "
+            "source uses those). Your own rules and the TSM alternative, which are made for the whole frustum, keep "
+            "their apex: lambda over the receivers is lambda + (start of the receivers) - (start of the frustum). "
+            "For points and depth buffers the limit is over "
+            "maps that are linear within each of 256 depths; a warp may be up to 8 % below it."
         )
     return (
         f"{over}\n\n"
         "All numbers are multiples of the optimum's error, which is 1. A rule counts where it is defined; its mean is "
-        "over the light directions. Only rules that are defined in every direction, and bounded, are ranked, the "
-        "least mean first. OSG is OpenSceneGraph. The limit is what the best monotone map of the depth would reach, "
-        "perspective or not, where it is known. `ranking.csv` has the table, `compare.csv` and `compare.json` every "
-        "number, `run.json` configuration and versions.\n"
+        "over the light directions. Only rules that are defined in every direction and bounded are ranked, by "
+        "increasing mean. OSG is OpenSceneGraph. The limit is what the best monotone map of the depth would reach, "
+        "perspective or not, where it is known. `ranking.csv` has the table, `compare.csv` and `compare.json` all "
+        "numbers, `run.json` configuration and versions.\n"
     )
 
 
 def _verdict(c: Compared) -> str:
-    """Which rule is best on average and at worst, the others in their order, and what any other map could win."""
+    """Text: the best rule on average and at worst, the order of the others, and the possible gain of any other map."""
     r = c.result
     ranking = [name for name in r.ranking() if not np.isnan(r.mean(name))]
     words = [_ranking_words(c, ranking) if ranking else "No rule is defined and bounded in every direction."]
@@ -132,7 +132,7 @@ def _ranking_words(c: Compared, ranking: list[str]) -> str:
 
 
 def _losses(c: Compared) -> str:
-    """A sentence for each rule that loses to no warp, or does not always give one, in the ranking's order."""
+    """A sentence for each rule that is worse than no warp or is undefined somewhere, in the ranking's order."""
     lines = []
     for name in c.result.order():
         worse, none = where_text(c, "worse", name), where_text(c, "undefined", name)
@@ -143,7 +143,7 @@ def _losses(c: Compared) -> str:
             clauses.append(f"yields no lambda > 0 {_for(none)}")
         worst = c.result.worst(name)
         if np.isinf(worst.ratio):
-            clauses.append(f"loses without bound towards {place_text(c, worst)}")
+            clauses.append(f"is unbounded towards {place_text(c, worst)}")
         if clauses:
             clauses[:-1] = [", ".join(clauses[:-1])] if clauses[1:] else []
             lines.append(f"- {rule_title(name)} {' and '.join(clauses)}.")

@@ -1,4 +1,4 @@
-"""`warpopt compare`: rules in, a folder that says what each loses against the optimum and the limit."""
+"""`warpopt compare`: writes a folder with each rule's error compared with the optimum and the limit."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -26,15 +26,15 @@ def run_compare(
     scene: SceneInput | None,
     console: Console | None = None,
 ) -> int:
-    """Compare, write, summarise; 0 if every optimum was found, 1 if not.
+    """Compare, write, summarise; returns 0 if every optimum was found, otherwise 1.
 
     Args:
-        config: of a view frustum, or of a scene, which comes with
-        scene: in numbers.
+        config: of a view frustum, or of a scene, which also needs `scene`.
+        scene: the scene as numbers.
         own: the user's rules.
 
     Raises:
-        ConfigError: a user's rule does not answer as one, or the output folder cannot be written.
+        ConfigError: a user's rule returns no valid warp, or the output folder cannot be written.
     """
     console = console or Console()
     rules = {name: EVERY[name] for name in config.rules.names} | dict(own)
@@ -47,14 +47,14 @@ def run_compare(
                 if isinstance(config, CompareConfig):
                     compared = compare_over_frustum(config, rules, progress)
                 else:
-                    assert scene is not None  # it comes with the configuration
+                    assert scene is not None  # given with a scene's configuration
                     compared = compare_over_scene(config, scene, rules, progress)
         except RuleError as error:
             raise ConfigError(str(error)) from error
         with timed(timings, "figures_s"):
             figures = []
             if config.output.figures and compared:
-                # Imported here: matplotlib's first import on a machine looks through all its fonts.
+                # Imported here: matplotlib's first import on a machine scans all fonts.
                 from .figures import write_compare_figures
 
                 figures = write_compare_figures(compared, folder)
@@ -85,5 +85,5 @@ def _summarise(console: Console, directory: Path, compared: list[Compared], fail
     else:
         console.print("The sun is below the horizon all the time: there is nothing to compare.")
     if failures:
-        console.print(f"{failures} problem(s) failed; compare.json tells which and why.", style="bold red")
+        console.print(f"{failures} problem(s) failed; compare.json says which and why.", style="bold red")
     console.print(f"Written: {directory}: report.md, ranking.csv, compare.csv, compare.json, run.json", soft_wrap=True)

@@ -1,4 +1,4 @@
-"""The configuration of `warpopt compare`: over a view frustum or over a scene's receivers. Knows nothing of JAX."""
+"""The configuration of `warpopt compare`: over a view frustum or over a scene's receivers. Does not import JAX."""
 
 import itertools
 import re
@@ -41,12 +41,12 @@ class RulesConfig(Section):
     """Which rules are compared."""
 
     names: Annotated[list[RuleName], pydantic.BeforeValidator(listed), Distinct] = Field(default=list(EVERY))
-    """Of warpopt's own, published and engines'."""
+    """Rules of warpopt, published or from engines."""
     own: dict[
         Annotated[str, Field(pattern=r"^\w[\w ./-]*$", max_length=40)], Annotated[str, pydantic.AfterValidator(_place)]
     ] = Field(default={})
     """Yours: name = "module:function", a callable (frustum, theta) -> warpopt.Warp, in a module that is installed or
-    beside the TOML file. theta is an array, radians; where the function cannot take one, a single angle at a time."""
+    next to the TOML file. theta is an array in radians, or a single angle if the function cannot take an array."""
 
     @pydantic.model_validator(mode="after")
     def _some(self) -> "RulesConfig":
@@ -54,7 +54,7 @@ class RulesConfig(Section):
             raise ValueError("names: got none, expected at least one, or one in rules.own")
         both = sorted(set(self.own) & set(EVERY))
         if both:
-            raise ValueError(f"own: got {both[0]!r}, expected a name that is none of warpopt's own rules")
+            raise ValueError(f"own: got {both[0]!r}, expected a name that no rule of warpopt has")
         return self
 
 
@@ -83,12 +83,12 @@ class CompareConfig(Section):
 class SceneCompareConfig(SceneSettings):
     """Rules over the receivers of a scene: `warpopt compare` with [camera], [light] and [receivers] as for `scene`."""
 
-    output: OutputConfig  # no matrices are written, so no convention is asked for
+    output: OutputConfig  # no matrices are written, so no clip-space convention is needed
     rules: RulesConfig = RulesConfig()
 
 
 def read_compare_config(path: Path, overrides: list[str]) -> CompareConfig | SceneCompareConfig:
-    """The configuration; a scene's if the file has a table [camera] or [receivers].
+    """The configuration; for a scene if the file has a table [camera] or [receivers].
 
     Raises:
         ConfigError: as `read_config`.
@@ -98,7 +98,7 @@ def read_compare_config(path: Path, overrides: list[str]) -> CompareConfig | Sce
     if scene and "view" in data:
         beside = " and ".join(f"[{name}]" for name in ("camera", "receivers") if name in data)
         raise ConfigError(
-            f"{path}: got [view] beside {beside}, expected a view frustum ([view], as in configs/compare.toml) or a "
+            f"{path}: got [view] with {beside}, expected a view frustum ([view], as in configs/compare.toml) or a "
             "scene ([camera] and [receivers], as in configs/compare_landscape.toml)"
         )
     return validated(SceneCompareConfig if scene else CompareConfig, data, str(path))

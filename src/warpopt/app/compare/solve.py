@@ -1,4 +1,4 @@
-"""Rules beside the optimum and the limit: for each objective, over a view frustum or each camera of a scene."""
+"""Comparison of rules with the optimum and the limit: per objective, over a view frustum or each camera of a scene."""
 
 import dataclasses
 import math
@@ -20,7 +20,7 @@ class Compared:
 
     Attributes:
         objective: what was minimised.
-        camera: index of the scene's distinct ones; None over a view frustum.
+        camera: index among the scene's distinct cameras; None over a view frustum.
         result: the numbers.
     """
 

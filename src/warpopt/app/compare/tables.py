@@ -1,4 +1,4 @@
-"""The files of numbers of a comparison: `compare.csv`, `ranking.csv`, `compare.json`."""
+"""The data files of a comparison: `compare.csv`, `ranking.csv`, `compare.json`."""
 
 import math
 from pathlib import Path
@@ -28,11 +28,11 @@ _OVER: dict[str, "warpopt.compare.comparison.Over"] = {
     "optimum": "optimum",
     "limit": "bound",
     "no_warp": "no_warp",
-}  # as columns and as the library call them
+}  # name of the column: name in the library
 
 
 def write_compare_table(compared: list[Compared], path: Path) -> None:
-    """One row for each objective, rule and direction; empty where there is no number."""
+    """One row for each objective, rule and direction; empty if there is no number."""
     place = ("camera", "light") if compared and compared[0].camera is not None else ()
     rows = []
     for c in compared:
@@ -49,7 +49,7 @@ def write_compare_table(compared: list[Compared], path: Path) -> None:
 
 
 def write_ranking(compared: list[Compared], path: Path) -> None:
-    """One row for each objective and rule, in the ranking's order; "inf" for what is unbounded, empty for no number."""
+    """One row for each objective and rule, in the ranking's order; "inf" if unbounded, empty if there is no number."""
     scene = bool(compared) and compared[0].camera is not None
     heads = ["metric", "norm", *(["camera"] if scene else []), "place", "rule", "mean_over_optimum"]
     for over in _OVER:
@@ -78,7 +78,7 @@ def _column(values: np.ndarray | None, i: int | None) -> list | None:
 
 
 def compare_record(config: CompareConfig | SceneCompareConfig, compared: list[Compared], scene: SceneInput | None):
-    """Everything; strict JSON."""
+    """All results, as strict JSON."""
     lights = {} if scene is None else {"lights": [list(direction) for direction in scene.lights]}
     measure = {"measure": config.objective.measure} if isinstance(config, CompareConfig) else {}
     return {**lights, "objectives": [measure | _objective(c) for c in compared]}

@@ -11,18 +11,18 @@ from ..common.jax_settings import prepare_jax
 
 @dataclasses.dataclass(frozen=True)
 class Export(Plain):
-    """Source code for engines, from a table or of the closed form."""
+    """Source code for engines, from a table or for the closed form."""
 
     table: tyro.conf.Positional[str]
-    """A table (.npz, .csv, .json), or `closed-form`: the exact L-inf optimum of any view frustum, no table."""
+    """A table (.npz, .csv, .json), or `closed-form`: the exact L-inf optimum of any view frustum, without a table."""
     to: str
-    """Which, separated by commas: c, cpp, glsl, hlsl, wgsl; of a table also csv, json, npz."""
+    """Languages, separated by commas: c, cpp, glsl, hlsl, wgsl; for a table also csv, json, npz."""
     directory: Path = Path(".")
-    """Where the files go, named as the table."""
+    """Output folder; the files are named after the table."""
     metric: str | None = None
-    """Of the closed form: p (if not given), q or pxq."""
+    """Metric of the closed form: p (default), q or pxq."""
     prefix: str = "warpopt"
-    """What the names in code begin with; for several tables in one program."""
+    """Prefix of the names in code; needed for several tables in one program."""
 
     def run(self) -> int:
         from .request import ExportRequest

@@ -1,4 +1,4 @@
-"""What `warpopt export` was asked for. Knows nothing of JAX."""
+"""The request of `warpopt export`. Does not import JAX."""
 
 import dataclasses
 from pathlib import Path
@@ -16,11 +16,11 @@ _DATA = tuple(ending[1:] for ending in TABLE_ENDINGS)
 
 @dataclasses.dataclass(frozen=True)
 class ExportRequest:
-    """What to export, to which languages and formats, and where to.
+    """What to export, to which languages and formats, and to which folder.
 
     Attributes:
         table: its file; None for the closed form of `metric`.
-        code: languages; data: formats of tables; both in the order asked for, each once.
+        code: languages; data: formats of tables; both in the requested order without duplicates.
         prefix: of the names in code.
     """
 
@@ -33,10 +33,10 @@ class ExportRequest:
 
     @classmethod
     def of(cls, table: str, to: str, directory: Path, metric: str | None, prefix: str) -> "ExportRequest":
-        """The request in the words of the command line.
+        """The request from the command line's arguments.
 
         Raises:
-            ConfigError: every flaw, one a line.
+            ConfigError: lists every error, one per line.
         """
         closed = table == CLOSED_FORM
         possible = _CODE if closed else _CODE + _DATA
@@ -47,7 +47,7 @@ class ExportRequest:
                 f"  table: got {table!r}, expected a file ending in {', '.join(TABLE_ENDINGS)}, or {CLOSED_FORM!r}"
             )
         if not closed and metric is not None:
-            flaws.append(f"  metric: got {metric!r} beside a table, which has its own")
+            flaws.append(f"  metric: got {metric!r} with a table, which has a metric")
         if closed and metric is not None and metric not in get_args(Metric):
             flaws.append(f"  metric: got {metric!r}, expected {', '.join(get_args(Metric))}")
         try:
@@ -55,6 +55,6 @@ class ExportRequest:
         except ValueError as flaw:
             flaws.append(f"  {flaw}")
         if flaws:
-            raise ConfigError("\n".join([f"command line: {len(flaws)} flaw{'s' * (len(flaws) > 1)}", *flaws]))
+            raise ConfigError("\n".join([f"command line: {len(flaws)} error{'s' * (len(flaws) > 1)}", *flaws]))
         code, data = (tuple(name for name in names if name in kind) for kind in (_CODE, _DATA))
         return cls(None if closed else Path(table), metric or "p", code, data, directory, prefix)

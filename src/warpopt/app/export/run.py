@@ -14,11 +14,11 @@ from .request import ExportRequest
 
 
 def export(request: ExportRequest) -> int:
-    """Write the files and name them; 0.
+    """Write the files and print their names; returns 0.
 
     Raises:
-        ConfigError: a table that cannot be read, or a place that holds what warpopt did not write.
-        OSError: a file cannot be written; all are then as they were.
+        ConfigError: a table that cannot be read, or a target that warpopt did not write.
+        OSError: a file cannot be written; all are left unchanged.
     """
     directory, languages = request.directory, [form for name in request.code for form in LANGUAGES[name]]
     contents: dict[Path, bytes] = {}

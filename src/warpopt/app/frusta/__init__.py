@@ -1,1 +1,1 @@
-"""Optima and rules over view frusta and directions, block by block: what `run`, `solve`, `rules` and `limit` share."""
+"""Optima and rules over view frusta and directions, block by block; shared by `run`, `solve`, `rules` and `limit`."""

@@ -1,4 +1,4 @@
-"""Finished blocks on disk: each a file that appears whole, is checked when read, and belongs to one problem only."""
+"""Finished blocks on disk: each file is written atomically, checked when read, and belongs to one problem."""
 
 import hashlib
 import os
@@ -16,11 +16,11 @@ Block = dict[str, np.ndarray]
 
 
 class BadBlock(Exception):
-    """Why a file is not the block it should be."""
+    """The reason why a file is not the expected block."""
 
 
 def folder_of(directory: Path, problem: SweepProblem) -> Path:
-    """The working folder beside the output folder; another problem's has another name."""
+    """The working folder next to the output folder; its name depends on the problem."""
     directory = directory.absolute()
     return directory.parent / f".{directory.name}.{problem.identity()[:16]}.parts"
 
@@ -29,11 +29,11 @@ class BlockFiles:
     """The blocks of one problem in its working folder.
 
     Args:
-        folder: made if it is not there.
-        problem: whose blocks they are.
-        platform: the kind of device that computes ("cpu", "gpu"): another kind's blocks are not taken.
+        folder: created if missing.
+        problem: the problem of the blocks.
+        platform: the kind of device that computes ("cpu", "gpu"); blocks from another kind are rejected.
         shapes: leading shape of each field, before (views, directions).
-        say: told of every file that is not taken, and why.
+        say: receives a message about every rejected file.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class BlockFiles:
         return block_path(self.folder, block)
 
     def read(self, block: int) -> Block | None:
-        """The block, or None if it is not there or not to be trusted (then it is to be computed again)."""
+        """The block, or None if it is missing or invalid (it is then computed again)."""
         path = self.path(block)
         if not path.exists():
             return None
@@ -67,7 +67,7 @@ class BlockFiles:
 
     def _checked(self, path: Path, block: int) -> Block:
         try:
-            # opened here: np.load leaves a file open that it finds to be no archive
+            # opened here: np.load leaves a file open that is not an archive
             with path.open("rb") as stream, np.load(stream) as file:
                 arrays = {name: file[name] for name in file.files}
         except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error):
@@ -89,7 +89,7 @@ class BlockFiles:
         return arrays
 
     def write(self, block: int, arrays: Block) -> None:
-        """The block's file, under a temporary name until it is whole."""
+        """The block's file, under a temporary name until complete."""
         path = self.path(block)
         temporary = path.with_name(f".{path.name}.{os.getpid()}")
         with temporary.open("wb") as file:
@@ -106,7 +106,7 @@ def block_path(folder: Path, block: int) -> Path:
 
 
 def count_of(folder: Path) -> int:
-    """How many blocks a folder holds, unchecked."""
+    """The number of blocks in a folder, unchecked."""
     return sum(1 for _ in folder.glob("block-*.npz"))
 
 

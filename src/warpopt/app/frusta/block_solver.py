@@ -1,4 +1,4 @@
-"""The one routine that computes: a block on a device. Every run goes through it, on one device or on thousands."""
+"""Computes a block on a device. Every run uses it, on one device or thousands."""
 
 import concurrent.futures
 import dataclasses
@@ -19,7 +19,7 @@ from warpopt.solve.optimal_warp import optimum_and_norms
 from .block_files import Block
 from .problem import SweepProblem, View
 
-Device = Any  # jax.Device is a variable, not a type, to a type checker
+Device = Any  # type checkers see jax.Device as a variable
 
 _OF_OBJECTIVE = ("eta", "lam_over_mu", "lam", "value", "result", "residual", "limit")
 
@@ -40,7 +40,7 @@ def field_shapes(problem: SweepProblem) -> dict[str, tuple[int, ...]]:
 
 @jax.jit
 def _rules(frustum: "warpopt.ViewFrustum", theta: jax.Array) -> "list[warpopt.Warp]":
-    with trusted():  # of settings
+    with trusted():  # settings were checked
         return [rule(frustum, theta) for rule in PUBLISHED.values()]
 
 
@@ -52,10 +52,10 @@ def _lengths(warp: "warpopt.Warp") -> tuple[jax.Array, jax.Array]:
 class BlockSolver:
     """Computes blocks of a problem.
 
-    A block is a single-device program of the tile's shape, placed on its device by its inputs. One program split over
-    the devices (`jax.shard_map`) would be compiled once instead of once a device, but XLA sends programs of one
-    partition and of several through different passes, which fuse differently: half of the L2 optima then differ in
-    their last bit (measured, jax 0.10.1). Programs that differ in nothing but their device do not.
+    A block is a single-device program of the tile's shape; its inputs select the device. One program over all devices
+    (`jax.shard_map`) would be compiled once instead of once per device, but XLA uses different passes for programs with
+    one and with several partitions, which fuse differently: half of the L2 optima then differ in their last bit
+    (measured, jax 0.10.1). Programs that differ only in their device do not.
     """
 
     def __init__(self, problem: SweepProblem):
@@ -64,7 +64,7 @@ class BlockSolver:
         self._theta = np.deg2rad(problem.theta_deg)
 
     def solve(self, block: int, device: Device, progress: Callable[[str], None]) -> Block:
-        """The arrays of a block, without its padding; `progress` is told of each objective done."""
+        """The arrays of a block, without its padding; `progress` receives each finished objective."""
         views, directions = self._tiling.padded(block)
         frustum = jax.device_put(frustum_of([self._problem.all_views[view] for view in views]), device)
         theta = jax.device_put(self._theta[directions], device)
@@ -104,7 +104,7 @@ class BlockSolver:
 
 
 def shares(blocks: Sequence[int], devices: Sequence[Device]) -> dict[Device, Sequence[int]]:
-    """The blocks of each of this process's devices: one axis of blocks, sharded over the devices of all processes."""
+    """The blocks of each device of this process: one axis of blocks, sharded over the devices of all processes."""
     mesh = Mesh(np.array(devices), ("device",))
     padded = -(-len(blocks) // len(devices)) * len(devices)
     sharding = NamedSharding(mesh, PartitionSpec("device"))

@@ -1,4 +1,4 @@
-"""What is computed over view frusta, and its division into blocks. Knows no JAX, no devices, no processes."""
+"""The problem over view frusta, and its division into blocks. Does not know JAX, devices or processes."""
 
 import dataclasses
 import hashlib
@@ -13,8 +13,8 @@ import numpy as np
 import warpopt
 from warpopt.objective import Objective
 
-BLOCK_MULTIPLE = 64  # directions of a block come in whole vectors of every processor, unrolled
-BLOCK_SIZE = 32_768  # the most problems in a block, unless the user says otherwise
+BLOCK_MULTIPLE = 64  # directions per block: whole unrolled SIMD vectors on every processor
+BLOCK_SIZE = 32_768  # default maximum number of problems in a block
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,10 +30,10 @@ class View:
 class Tiling:
     """The rectangle of views x directions in tiles of one shape, padded at its ends; a block is one tile.
 
-    Every block is computed by the same program, compiled for `tile`, whichever device computes it: a program of another
-    shape may add, fuse and vectorise otherwise, and then it rounds otherwise. So the tile depends on the problem and
-    the block size alone, never on how many devices there are. Tiles and not stretches of the flattened rectangle: in a
-    tile the views' depth integrals are shared by its directions.
+    Every block is computed by the same program, compiled for `tile`, on any device: a program of another shape may add,
+    fuse and vectorise in another way, and then rounds differently. So the tile depends only on the problem and the
+    block size, not on the number of devices. Tiles are used instead of ranges of the flattened rectangle because a
+    tile's directions share the views' depth integrals.
     """
 
     views: int
@@ -42,7 +42,7 @@ class Tiling:
 
     @classmethod
     def of(cls, views: int, directions: int, block_size: int) -> "Tiling":
-        """Tiles of at most `block_size` problems, as even as whole `BLOCK_MULTIPLE`s of directions allow."""
+        """Tiles of at most `block_size` problems, as equal as whole `BLOCK_MULTIPLE`s of directions allow."""
         strips = -(-directions // block_size)
         width = -(-directions // (strips * BLOCK_MULTIPLE)) * BLOCK_MULTIPLE
         rows = -(-views // max(1, block_size // width))
@@ -54,7 +54,7 @@ class Tiling:
 
     @property
     def count(self) -> int:
-        """How many blocks."""
+        """The number of blocks."""
         return math.prod(self.grid)
 
     def extent(self, block: int) -> tuple[slice, slice]:
@@ -94,7 +94,7 @@ class SweepProblem:
         return Tiling.of(len(self.all_views), len(self.theta_deg), self.block_size)
 
     def identity(self) -> str:
-        """A digest of all that decides the bits of a block: the problem, the tile, the code and its compiler."""
+        """A digest of everything that determines a block's bits: the problem, the tile, the code and its compiler."""
         flags = [f for f in os.environ.get("XLA_FLAGS", "").split() if "host_platform_device_count" not in f]
         told = {
             "views": [dataclasses.astuple(view) for view in self.all_views],

@@ -27,7 +27,7 @@ class Curves:
 
 @dataclasses.dataclass(frozen=True)
 class RuleCurves(Curves):
-    """A published rule's warps; `defined` is False where the rule yields no lambda > 0 (the warp there is no warp)."""
+    """A published rule's warps; `defined` is False where the rule yields no lambda > 0 (eta is 1 there)."""
 
     defined: np.ndarray
 
@@ -65,13 +65,13 @@ class OptimumCurves(Curves):
 
     @property
     def no_limit_because(self) -> str | None:
-        """Why there is no limit, in words; None where there is one."""
+        """Why there is no limit, as text; None if there is one."""
         return self.objective.no_bound_because
 
 
 @dataclasses.dataclass(frozen=True)
 class Sweep:
-    """All results of a run. `views` are the config's; `context` adds more f/n for the figures, after them."""
+    """All results of a run. `views` are the config's; `context` adds more f/n for the figures, listed after them."""
 
     views: tuple[View, ...]
     context: tuple[View, ...]
@@ -81,7 +81,7 @@ class Sweep:
 
     @property
     def measure(self) -> str:
-        """Of every objective."""
+        """The measure of every objective."""
         return self.optima[0].objective.measure
 
     @property
@@ -96,13 +96,13 @@ def compute_sweep(
     objectives: Iterable[Objective],
     progress: Callable[[str], None] = lambda name: None,
 ) -> Sweep:
-    """Solve everything in this process; `progress` is told of each objective of each block."""
+    """Solve everything in this process; `progress` receives each finished objective of each block."""
     problem = SweepProblem(views, context, np.asarray(theta_deg, float), tuple(objectives))
     return sweep_of(problem, None, progress)
 
 
 class Incomplete(Failed):
-    """Blocks that should be there are not."""
+    """Expected blocks are missing."""
 
 
 def sweep_of(
@@ -111,7 +111,7 @@ def sweep_of(
     progress: Callable[[str], None] = lambda name: None,
     all_there: bool = False,
 ) -> Sweep:
-    """The blocks of `files`, and those that are not there computed by this process's devices (and kept there).
+    """The blocks of `files`; missing ones are computed by this process's devices (and kept there).
 
     Raises:
         Incomplete: a block is not in `files`, with `all_there`.
@@ -125,7 +125,7 @@ def sweep_of(
         else:
             whole.place(block, arrays)
     if missing and all_there:
-        raise Incomplete(f"{len(missing)} of {problem.tiling.count} blocks are not there, the first is {missing[0]}")
+        raise Incomplete(f"{len(missing)} of {problem.tiling.count} blocks are missing, the first is {missing[0]}")
 
     def done(block: int, arrays: Block) -> None:
         if files:
@@ -149,7 +149,7 @@ class _Whole:
         for name, array in arrays.items():
             if name not in self._arrays:
                 shape = (*array.shape[:-2], self._problem.tiling.views, self._problem.tiling.directions)
-                self._arrays.setdefault(name, np.empty(shape, array.dtype))  # the first of the devices' threads wins
+                self._arrays.setdefault(name, np.empty(shape, array.dtype))  # the first device thread allocates
             self._arrays[name][(..., *self._problem.tiling.extent(block))] = array
         self._seen[block] += 1
 

@@ -1,4 +1,4 @@
-"""A camera in a configuration. Knows nothing of JAX."""
+"""A camera in a configuration. Does not import JAX."""
 
 import math
 from typing import Annotated, Any, Literal
@@ -11,7 +11,7 @@ from ...scene_files.depth_image import pinhole_window
 from ...scene_files.scene_camera import SceneCamera, centred_window, centred_window_across, orientation
 from ..common.settings import HalfFovDeg, NearFar, Positive
 
-_RIGID = 1e-4  # entries with four digits after the point still make a matrix that is meant as a rotation
+_RIGID = 1e-4  # accepts rotation matrices written with four decimals
 
 
 def _vector(value: Any) -> Any:
@@ -39,7 +39,7 @@ Direction = Annotated[Triple, pydantic.BeforeValidator(_direction)]
 
 
 def _no_plane_for_inf(value: Any) -> Any:
-    # inf where numbers are finite: no far plane, which nothing stands for too
+    # inf means no far plane, as a missing value does
     return None if value == math.inf and isinstance(value, float) else value
 
 
@@ -47,15 +47,15 @@ FarPlane = Annotated[
     Positive | None,
     pydantic.BeforeValidator(_no_plane_for_inf),
 ]
-Number = Annotated[float, Field(strict=True)]  # neither true nor "30"
+Number = Annotated[float, Field(strict=True)]  # not true and not "30"
 Resolution = tuple[Annotated[int, Field(ge=1, le=65_536)], Annotated[int, Field(ge=1, le=65_536)]]
 
 
 def exactly_one(section: Any, names: tuple[str, ...]) -> None:
-    """Refuse a table that has none of some keys, or several.
+    """Refuse a table with none or several of some keys.
 
     Raises:
-        ValueError: naming those that it has.
+        ValueError: names the keys present.
     """
     given = [name for name in names if getattr(section, name) is not None]
     if len(given) != 1:
@@ -69,7 +69,7 @@ def _view_matrix(value: Any) -> Any:
     if not all(_is_number(v) and math.isfinite(v) for row in rows for v in row):
         raise ValueError("expected finite numbers")
     matrix = np.array(rows, float)
-    turn = matrix[:3, :3]  # the translation may be large, and has no part in it
+    turn = matrix[:3, :3]  # without the translation, which may be large
     if abs(np.linalg.det(turn / max(np.abs(turn).max(), 1e-300))) < 1e-12:
         raise ValueError("expected a matrix that is not singular")
     if np.abs(turn @ turn.T - np.eye(3)).max() > _RIGID or np.abs(matrix[3] - [0, 0, 0, 1]).max() > _RIGID:
@@ -91,33 +91,33 @@ class CameraConfig(NearFar):
     position: Vector | None = None
     forward: Direction | None = None
     target: Vector | None = None
-    """A world point in the middle of the view, in the place of `forward`."""
+    """A world point in the middle of the view, instead of `forward`."""
     up: Direction = (0.0, 1.0, 0.0)
     view_matrix: Annotated[list[list[float]], pydantic.BeforeValidator(_view_matrix)] | None = None
-    """World to eye, for column vectors, in the place of position, forward and up."""
+    """World to eye, for column vectors, instead of position, forward and up."""
     looks_along: Literal["-z", "+z"] = "-z"
     """The eye axis of `view_matrix` that points into the scene: -z (OpenGL, Vulkan) or +z (Direct3D)."""
     near: Positive
     far: FarPlane = None
-    """None, or inf: a projection without a far plane."""
+    """None or inf: a projection without a far plane."""
     half_fov_deg: HalfFovDeg | None = None
     """Half the vertical field of view."""
     half_fov_x_deg: HalfFovDeg | None = None
-    """Half the horizontal one, in its place."""
+    """Half the horizontal field of view, instead."""
     aspect: Positive | None = None
-    """Width over height; that of objective.screen, or 1, if not given."""
+    """Width over height; by default that of objective.screen, or 1."""
     window: tuple[float, float, float, float] | None = None
-    """Slopes (left, right, bottom, top) of the side planes, in the place of field of view and aspect."""
+    """Slopes (left, right, bottom, top) of the side planes, instead of field of view and aspect."""
     fx: Positive | None = None
-    """A pinhole camera in the place of these: focal lengths fx and fy, principal point (cx, cy) from the top left, in
+    """A pinhole camera, instead of these: focal lengths fx and fy, principal point (cx, cy) from the top left, in
     pixels of an image of `image_size`."""
     fy: Positive | None = None
     cx: Number | None = None
     cy: Number | None = None
     image_size: Resolution | None = None
-    """(width, height); that of the depth file, or objective.screen, if not given."""
+    """(width, height); by default that of the depth file, or objective.screen."""
     first_centre: Annotated[float, pydantic.AfterValidator(_of_a_pixel)] = 0.5
-    """Where in these pixels the first one's centre is: 0 as in OpenCV, 0.5 where the image's edge is at 0."""
+    """Pixel coordinate of the first pixel's centre: 0 as in OpenCV, 0.5 if the image's edge is at 0."""
 
     @pydantic.model_validator(mode="after")
     def _complete(self) -> "CameraConfig":
@@ -132,7 +132,7 @@ class CameraConfig(NearFar):
             raise ValueError(f"got {min(alone)} without fx, expected it with a pinhole camera only")
         if self.view_matrix is not None:
             if self.forward is not None or self.target is not None:
-                raise ValueError("got forward or target beside view_matrix, expected one or the other")
+                raise ValueError("got forward or target with view_matrix, expected one or the other")
         else:
             exactly_one(self, ("forward", "target"))
             if np.linalg.norm(self._forward()) == 0:
@@ -143,7 +143,7 @@ class CameraConfig(NearFar):
                 raise ValueError(f"up: got {self.up}, {error}") from None
         if self.aspect is not None and (self.window is not None or self.fx is not None):
             other = "window" if self.window is not None else "fx"
-            raise ValueError(f"got aspect beside {other}, expected one or the other")
+            raise ValueError(f"got aspect with {other}, expected one or the other")
         if self.window is not None:
             left, right, bottom, top = self.window
             if not (left < right and bottom < top):
@@ -161,34 +161,34 @@ class CameraConfig(NearFar):
         if self.fx is not None:
             size = self.image_size or size
             if size is None:
-                raise ValueError("image_size: missing, expected (width, height) of the image that fx to cy are of")
-            assert self.fy is not None  # given beside fx, as cx and cy
+                raise ValueError("image_size: missing, expected (width, height) of the image for fx to cy")
+            assert self.fy is not None  # given with fx, as are cx and cy
             assert self.cx is not None
             assert self.cy is not None
             return pinhole_window(self.fx, self.fy, self.cx, self.cy, *size, first_centre=self.first_centre)
         aspect = self.aspect or default_aspect
         if self.half_fov_x_deg is not None:
             return centred_window_across(math.radians(self.half_fov_x_deg), aspect)
-        assert self.half_fov_deg is not None  # one of the three
+        assert self.half_fov_deg is not None  # exactly one of the three is given
         return centred_window(math.radians(self.half_fov_deg), aspect)
 
     def scene_camera(self, handedness: str, default_aspect: float, size: tuple[int, int] | None = None) -> SceneCamera:
-        """The camera in numbers.
+        """The camera as numbers.
 
         Args:
             handedness: of the world's axes.
-            default_aspect: where none is given.
-            size: (width, height) of the image that intrinsics are of, where none is given.
+            default_aspect: used if none is given.
+            size: (width, height) of the image of the intrinsics, used if none is given.
 
         Raises:
-            ValueError: intrinsics of an image of unknown size.
+            ValueError: intrinsics without an image size.
         """
         window, far = self._window(default_aspect, size), math.inf if self.far is None else self.far
         if self.view_matrix is None:
             rotation = orientation(self._forward(), np.array(self.up), handedness)
             return SceneCamera(np.array(self.position), rotation, self.near, far, window)
         matrix = np.array(self.view_matrix, float)
-        # The nearest rotation: text has few digits, and the library asks for all.
+        # The nearest rotation: the text has few digits, and the library expects full accuracy.
         u, _, v = np.linalg.svd(matrix[:3, :3])
         turn = u @ v
         side = 1 if self.looks_along == "+z" else -1

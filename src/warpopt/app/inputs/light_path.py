@@ -1,4 +1,4 @@
-"""Light directions of a scene: one, a list, or the sun over a day; equal ones once."""
+"""Light directions of a scene: one, a list, or the sun over a day; duplicates are merged."""
 
 import dataclasses
 
@@ -15,8 +15,8 @@ class Step:
     Attributes:
         index: of the step.
         hour: solar time, for the sun.
-        elevation_deg: of the sun over the horizon.
-        light: which of the distinct directions it has; None below the horizon.
+        elevation_deg: of the sun above the horizon.
+        light: index among the distinct directions; None below the horizon.
     """
 
     index: int
@@ -26,9 +26,9 @@ class Step:
 
 
 def light_path(light: SceneLight, handedness: str) -> tuple[list[Step], list[tuple[float, float, float]]]:
-    """(the steps, the distinct directions in the order of their first visit), the directions in which light travels.
+    """(the steps, the distinct directions in which the light travels, in the order of their first use).
 
-    Directions of one ray but of different lengths are equal.
+    Directions that differ only in length are equal.
     """
     if isinstance(light.path, SunPath):
         hours, elevations, directions = _sun(light.path, handedness)
@@ -62,7 +62,7 @@ def _sun(path: SunPath, handedness: str) -> tuple[list, list, list]:
     north_axis = unit(north_axis)
     east_axis = np.cross(north_axis, up_axis) * (1 if handedness == "right" else -1)
     to_sun = east[:, None] * east_axis + north[:, None] * north_axis + high[:, None] * up_axis
-    # At the horizon up to rounding is not above it.
+    # At the horizon up to rounding counts as below.
     directions = [tuple(-v) if h > 1e-9 else None for v, h in zip(to_sun, high, strict=True)]
     elevations = np.rad2deg(np.arcsin(np.clip(high, -1, 1)))
     return hours.tolist(), elevations.tolist(), directions

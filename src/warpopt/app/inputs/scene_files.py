@@ -1,4 +1,4 @@
-"""What a scene's configuration refers to, read and checked before anything is computed. Knows nothing of JAX."""
+"""Reads and checks the files of a scene's configuration before anything is computed. Does not import JAX."""
 
 import contextlib
 import dataclasses
@@ -20,16 +20,16 @@ from .scene_settings import DepthReceivers, SceneLight, SceneSettings
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SceneInput:
-    """A scene in numbers.
+    """A scene as numbers.
 
     Attributes:
-        cameras: the distinct ones, and
-        camera_of: for each of the configuration, which of them it is.
+        cameras: the distinct cameras.
+        camera_of: for each camera of the configuration, its index in `cameras`.
         depths: an image (height, width) for each distinct camera, encoded as `encoding`; empty for other receivers.
         encoding: see `warpopt.receivers.DepthBuffer`.
-        casters: (N, 3) world points of what casts shadows, where more is known than the receivers.
+        casters: (N, 3) world points of shadow casters, if known beyond the receivers.
         steps, lights: see `light_path`.
-        notes: sentences for the user: what of the files was left out, and why an image is empty.
+        notes: sentences for the user: parts of the files that were left out, and why an image is empty.
     """
 
     cameras: list[SceneCamera]
@@ -46,14 +46,14 @@ def read_scene(config: SceneSettings, folder: Path) -> SceneInput:
     """Read the files, relative to `folder`, and make the depth images.
 
     Raises:
-        ConfigError: naming the key, what was got and what was expected.
+        ConfigError: names the key, what was got and what was expected.
     """
     receivers, notes = config.receivers, []
     steps, lights = light_path(_light(config, folder), config.handedness)
     depths, casters = [], None
     if receivers.depth is not None:
         cameras, depths = _seen_in_files(config, receivers.depth, folder, notes)
-        # Two frames of one camera are two scenes.
+        # Two frames from one camera are two scenes.
         keys = [(camera.key, depth.tobytes()) for camera, depth in zip(cameras, depths, strict=True)]
     else:
         cameras = [_camera(config, i, None) for i in range(len(config.camera))]
@@ -79,7 +79,7 @@ def read_scene(config: SceneSettings, folder: Path) -> SceneInput:
 
 @contextlib.contextmanager
 def _told_of(key: str) -> Iterator[None]:
-    """Give a reader's flaw the key of the configuration that it came from."""
+    """Prefix a reader's error with the configuration's key."""
     try:
         yield
     except OSError as error:
@@ -89,11 +89,11 @@ def _told_of(key: str) -> Iterator[None]:
 
 
 def _light(config: SceneSettings, folder: Path) -> SceneLight:
-    """The light, with a file's direction in the place of the file."""
+    """The light, with a direction from a file if requested."""
     which = config.light.from_file
     if which is None:
         return config.light
-    assert config.receivers.gltf is not None  # which the settings require
+    assert config.receivers.gltf is not None  # required by the settings
     with _told_of("light.from_file"):
         direction = read_light(folder / config.receivers.gltf.file, None if which is True else which)
     return SceneLight(direction=direction)
@@ -110,7 +110,7 @@ def _triangles(config: SceneSettings, folder: Path, notes: list[str]) -> np.ndar
     if made is not None:
         return landscape(made.seed, made.size, made.relief, made.cells)
     gltf = config.receivers.gltf
-    assert gltf is not None  # or nothing would ask
+    assert gltf is not None  # only called with glTF
     with _told_of("receivers.gltf.file"):
         found = read_geometry(folder / gltf.file, include=gltf.include, exclude=gltf.exclude)
     notes += (f"{gltf.file}: {note}" for note in found.report.notes())
@@ -119,7 +119,7 @@ def _triangles(config: SceneSettings, folder: Path, notes: list[str]) -> np.ndar
 
 def _gltf_camera(config: SceneSettings, path: Path) -> SceneCamera:
     gltf = config.receivers.gltf
-    assert gltf is not None  # or nothing would ask
+    assert gltf is not None  # only called with glTF
     with _told_of("receivers.gltf.camera"):
         found = read_gltf_camera(path, gltf.camera)
         camera = found.scene_camera(config.default_aspect())
@@ -144,7 +144,7 @@ def _seen_in_files(
             raise ConfigError(f"{key}: {path}: got {width} x {height} pixels, expected {expected}")
         camera = _camera(config, i, (width, height))
         pinhole = config.camera[i].fx is not None
-        # Square pixels, up to a size that was rounded to whole ones; a pinhole camera says what its are.
+        # Square pixels, up to rounding of the size; a pinhole camera gives its pixel sizes.
         if not pinhole and abs(width - camera.aspect * height) > max(1.0, camera.aspect):
             raise ConfigError(
                 f"{key}: {path}: got {width} x {height} pixels, expected width / height = {camera.aspect:g}, the "

@@ -1,4 +1,4 @@
-"""A scene in a configuration: light, receivers, objective. Knows nothing of JAX."""
+"""A scene in a configuration: light, receivers, objective. Does not import JAX."""
 
 import itertools
 import math
@@ -15,7 +15,7 @@ from ...scene_files.scene_camera import orientation
 from ..common.settings import Distinct, Norm, Positive, Section, listed
 from .camera_settings import CameraConfig, Direction, Number, Resolution, Triple, Vector, exactly_one
 
-Index = Annotated[int, Field(ge=0, strict=True)]  # true is no number
+Index = Annotated[int, Field(ge=0, strict=True)]  # true is not a number
 
 
 def _file_s_light(value: Any) -> Any:
@@ -31,9 +31,9 @@ class SunPath(Section):
     kind: Literal["sun"] = "sun"
     latitude_deg: Annotated[float, Field(ge=-90, le=90)]
     day: Annotated[int, Field(ge=1, le=366)] | None = None
-    """Of the year; 172 is midsummer in the north."""
+    """Day of the year; 172 is midsummer in the north."""
     declination_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
-    """In the place of `day`."""
+    """The sun's declination, instead of `day`."""
     start_hour: Annotated[float, Field(ge=0, le=24)] = 6.0
     stop_hour: Annotated[float, Field(ge=0, le=24)] = 18.0
     count: Annotated[int, Field(ge=1, le=100_000)] = 13
@@ -53,7 +53,7 @@ class SunPath(Section):
         return self
 
     def declination(self) -> float:
-        """In degrees; Cooper's formula, right to half a degree."""
+        """In degrees; Cooper's formula, accurate to half a degree."""
         if self.declination_deg is not None:
             return self.declination_deg
         assert self.day is not None  # one of the two
@@ -73,7 +73,7 @@ class SceneLight(Section):
     @pydantic.field_validator("path", mode="wrap")
     @classmethod
     def _sun_or_list(cls, value: Any, handler: Any) -> Any:
-        # Chosen by shape, so that a flaw is reported once and for what was meant.
+        # Chosen by type, so that an error is reported only once, for the intended form.
         if isinstance(value, dict):
             return SunPath.model_validate(value)
         if isinstance(value, list) and value:
@@ -91,7 +91,7 @@ class FrustumReceivers(Section):
 
 
 class BoxReceivers(Section):
-    """What of an axis-parallel box lies in the view frustum."""
+    """The part of an axis-parallel box in the view frustum."""
 
     lower: Vector
     upper: Vector
@@ -106,7 +106,7 @@ class BoxReceivers(Section):
 
 
 class PlaneReceivers(Section):
-    """What of a convex body lies in the view frustum: world half-spaces a x + b y + c z + d >= 0."""
+    """The part of a convex body in the view frustum: world half-spaces a x + b y + c z + d >= 0."""
 
     planes: Annotated[list[tuple[float, float, float, float]], Field(min_length=1, max_length=64)]
 
@@ -124,26 +124,26 @@ class DepthReceivers(Section):
     files: Annotated[list[Path], pydantic.BeforeValidator(listed), Field(min_length=1)]
     encoding: Literal["linear", "standard", "reversed"] = "linear"
     channel: str | None = None
-    """Of an OpenEXR file; Z, or the only layer's, by default."""
+    """Channel of an OpenEXR file; by default Z, or the only layer's Z."""
     part: Index | str | None = None
-    """Of an OpenEXR file of several parts, by number or name."""
+    """Part of an OpenEXR file with several parts, by number or name."""
     key: str | None = None
-    """Of a `.npz` with more than one array."""
+    """Array of a `.npz` with more than one."""
     scale: Positive | None = None
-    """What the file's values are multiplied by, 0.001 for millimetres; integers need one."""
+    """Factor for the file's values, such as 0.001 for millimetres; required for integers."""
     background: Number | None = None
-    """Values at or beyond it are background; the camera's far plane by default. inf, 0 and less always are."""
+    """Values at or beyond it are background; the camera's far plane by default. inf and values <= 0 always are."""
     nan_is_background: bool = False
     rows: Literal["top_down", "bottom_up"] = "top_down"
     distance: Literal["planar", "ray"] = "planar"
-    """ray: along each pixel's ray, as AirSim and CARLA write it."""
+    """ray: distance along each pixel's ray, as in AirSim and CARLA."""
     size: Resolution | None = None
-    """(width, height) that the files must have. The camera's aspect is expected in any case."""
+    """(width, height) that the files must have. The aspect must always match the camera."""
 
 
 class _Rasterised(Section):
     width: Annotated[int, Field(ge=8, le=8192)] = 480
-    """Pixels across of the depth image that the camera is given; the height follows from its aspect."""
+    """Width in pixels of the rasterised depth image; the height follows from the camera's aspect."""
 
 
 class GltfReceivers(_Rasterised):
@@ -153,15 +153,15 @@ class GltfReceivers(_Rasterised):
     camera: Index | str = 0
     """Which of the file's cameras, by number or name."""
     far: Positive | None = None
-    """Far plane in the place of the file's camera's own, which may have none."""
+    """Far plane, instead of that of the file's camera, which may have none."""
     include: Annotated[list[str], pydantic.BeforeValidator(listed)] = Field([])
-    """Patterns such as "Terrain*" of names of nodes (with all below them) and materials: only what matches counts."""
+    """Patterns such as "Terrain*" for names of nodes (with all below them) and materials: only matches are read."""
     exclude: Annotated[list[str], pydantic.BeforeValidator(listed)] = Field([])
-    """Likewise what is left out: skies, clouds."""
+    """Patterns for parts to leave out, such as skies and clouds."""
 
 
 class LandscapeReceivers(_Rasterised):
-    """The visible ground of a landscape made from a seed: a square about the origin, y up."""
+    """The visible ground of a landscape from a seed: a square around the origin, y up."""
 
     seed: Annotated[int, Field(ge=0)] = 1
     size: Positive = 2000.0
@@ -173,7 +173,7 @@ class LandscapeReceivers(_Rasterised):
 
 
 class ReceiverConfig(Section):
-    """What must be resolved; exactly one kind."""
+    """The receivers; exactly one kind."""
 
     whole_frustum: FrustumReceivers | None = None
     box: BoxReceivers | None = None
@@ -189,12 +189,12 @@ class ReceiverConfig(Section):
 
     @property
     def kind(self) -> str:
-        """Which, in words."""
+        """The kind, as text."""
         return next(name for name in type(self).model_fields if getattr(self, name) is not None).replace("_", " ")
 
 
 class SceneObjective(Section):
-    """What is minimised: every metric in every norm, each a problem of its own."""
+    """What is minimised: every metric in every norm, each a separate problem."""
 
     metrics: Annotated[
         list[Literal[*METRICS]],  # pyright: ignore[reportInvalidTypeForm]
@@ -206,11 +206,11 @@ class SceneObjective(Section):
         default=["inf"]
     )
     measure: Measure = "screen"
-    """What L_P norms are taken over: of the whole frustum any, of a box or planes any but axis."""
+    """Measure of L_P norms: any for the whole frustum, any except axis for a box or planes."""
     screen: Resolution | None = None
-    """(width, height) in pixels, and"""
+    """(width, height) in pixels."""
     shadow_map: Resolution | None = None
-    """texels along (t, s): errors are then pixels per texel. Both or neither."""
+    """Texels along (t, s): errors are then in pixels per texel. Requires `screen`, and vice versa."""
     min_eta: Annotated[float, Field(gt=0, lt=1)] = 1e-4
     """The smallest eta, for E_q, whose infimum may be at eta = 0."""
 
@@ -238,7 +238,7 @@ class SceneSettings(Section):
     """A scene and what is minimised over it. Paths of scene files are relative to the TOML file."""
 
     handedness: Literal["right", "left"] = "right"
-    """Of the world's axes (OpenGL, Vulkan and glTF: right; Direct3D: left)."""
+    """Handedness of the world's axes (OpenGL, Vulkan and glTF: right; Direct3D: left)."""
     camera: Annotated[list[CameraConfig], pydantic.BeforeValidator(listed)] = Field(default=[])
     light: SceneLight
     receivers: ReceiverConfig
@@ -248,10 +248,10 @@ class SceneSettings(Section):
     def _fits(self) -> "SceneSettings":
         gltf, depth = self.receivers.gltf, self.receivers.depth
         if not self.camera and gltf is None:
-            raise ValueError("camera: missing (only a glTF file may bring its own)")
+            raise ValueError("camera: missing (only a glTF file may contain one)")
         own = sorted({"camera", "far"} & gltf.model_fields_set) if gltf is not None and self.camera else []
         if own:
-            raise ValueError(f"receivers.gltf.{own[0]}: got one beside [camera], expected one or the other")
+            raise ValueError(f"receivers.gltf.{own[0]}: got one with [camera], expected one or the other")
         if gltf is not None and self.handedness == "left":
             raise ValueError("handedness: got 'left', expected 'right' with glTF, whose axes are right-handed")
         if self.light.from_file is not None and gltf is None:
@@ -261,7 +261,7 @@ class SceneSettings(Section):
         measure, receivers = self.objective.measure, self.receivers
         body = receivers.box is not None or receivers.planes is not None
         if receivers.whole_frustum is None and measure != "screen" and not (body and measure != "axis"):
-            expected = "any measure but 'axis'" if body else "'screen': the pixels have their own weights"
+            expected = "any measure but 'axis'" if body else "'screen': the pixels have weights"
             raise ValueError(f"objective.measure: got {measure!r} with {receivers.kind}, expected {expected}")
         if depth is not None and len(depth.files) != len(self.camera):
             raise ValueError(
@@ -270,6 +270,6 @@ class SceneSettings(Section):
         return self
 
     def default_aspect(self) -> float:
-        """For cameras that give none."""
+        """The aspect for cameras without one."""
         screen = self.objective.screen
         return screen[0] / screen[1] if screen else 1.0

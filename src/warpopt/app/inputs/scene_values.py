@@ -1,4 +1,4 @@
-"""A scene's cameras and receivers as the library's own."""
+"""A scene's cameras and receivers as objects of the library."""
 
 import equinox as eqx
 import jax
@@ -22,7 +22,7 @@ def camera_of(camera: SceneCamera) -> "warpopt.Camera":
 
 
 def receivers_of(config: SceneSettings, scene: SceneInput, i: int) -> Receivers:
-    """What camera i must resolve."""
+    """The receivers of camera i."""
     asked = config.receivers
     if scene.depths:
         return DepthBuffer(scene.depths[i], scene.encoding)
@@ -34,10 +34,10 @@ def receivers_of(config: SceneSettings, scene: SceneInput, i: int) -> Receivers:
 
 
 def views_of(config: SceneSettings, scene: SceneInput) -> "list[warpopt.SceneView]":
-    """For each distinct camera its view, under all lights of the scene, of which there is one at least.
+    """For each distinct camera its view, under all lights of the scene (at least one).
 
     Raises:
-        ConfigError: receivers that a camera's view cannot be solved for.
+        ConfigError: receivers for which a camera's view cannot be solved.
     """
     lights = jax.vmap(warpopt.DirectionalLight)(np.array(scene.lights, float))
     views = []

@@ -56,7 +56,7 @@ class Solve(_OneProblem):
 
 @dataclasses.dataclass(frozen=True)
 class Rules(_OneProblem):
-    """Every rule's lambda, published or an engine's, and its error as a multiple of the optimum's."""
+    """Every rule's lambda, published or from an engine, and its error as a multiple of the optimum's."""
 
     def run(self) -> int:
         problem = self.problem()
@@ -67,11 +67,11 @@ class Rules(_OneProblem):
 
 @dataclasses.dataclass(frozen=True)
 class Limit(_OneView):
-    """The map s(delta) of E_p that no map of the depth can better, as a table: data (docs/engines.md reads it in C);
-    over a scene's receivers, `warpopt.lower_bound_map` in Python."""
+    """The map s(delta) of E_p that attains the lower bound of any map, as a table: data (docs/engines.md reads it in
+    C); over a scene's receivers, use `warpopt.lower_bound_map` in Python."""
 
     files: tyro.conf.Positional[tuple[Path, ...]] = ()
-    """Where to, for example limit.csv limit.json: each ends in .npz, .csv or .json."""
+    """Output files, for example limit.csv limit.json: each ends in .npz, .csv or .json."""
 
     def run(self) -> int:
         wrong = [file for file in self.files if file.suffix not in TABLE_ENDINGS]

@@ -1,4 +1,4 @@
-"""`warpopt solve` and `warpopt rules`: one problem, answered on the terminal."""
+"""`warpopt solve`, `rules` and `limit`: one problem, printed on the terminal."""
 
 import json
 import math
@@ -33,7 +33,7 @@ def _optimum(problem: Problem) -> dict[str, Any]:
 
 
 def _answer(problem: Problem, solution: "warpopt.Solution", bound: ArrayLike | None) -> dict[str, Any]:
-    """One optimum and its lower bound, under the keys of what is printed."""
+    """One optimum and its lower bound, under the printed keys."""
     objective, warp = problem.objective_value(), solution.warp
     eta, rest, mu, value, residual = (
         np.asarray(v).item() for v in (warp.eta, warp.one_minus_eta, warp.mu, solution.value, solution.residual)
@@ -74,7 +74,7 @@ def _shown(value: Any, no_warp: bool = False, digits: int = 10) -> str:
 
 
 def solve(problem: Problem, as_json: bool) -> int:
-    """Print the optimal warp; 0 if it was found, 1 if not."""
+    """Print the optimal warp; returns 0 if it was found, otherwise 1."""
     answer = _optimum(problem)
     if as_json:
         print(json.dumps(answer, indent=2, allow_nan=False))
@@ -91,10 +91,10 @@ def solve(problem: Problem, as_json: bool) -> int:
 
 
 def rules(problem: Problem, as_json: bool) -> int:
-    """Print every rule, published and engines', beside the optimum; 0 if the optimum was found, 1 if not."""
+    """Print every rule, published or from engines, and the optimum; returns 0 if it was found, otherwise 1."""
     view = _view(problem, np.radians([problem.theta_deg]))
     compared = warpopt.compare_rules(view, None, problem.objective_value())
-    assert isinstance(compared.solution, warpopt.Solution)  # a scene has the other
+    assert isinstance(compared.solution, warpopt.Solution)  # not a scene
     answer = _answer(problem, compared.solution, compared.bound)
     warps = warpopt.Warp.from_eta(compared.eta[:, 0], compared.solution.warp)
     over_limit = None if compared.over_bound is None else compared.over_bound[:, 0]
@@ -130,11 +130,11 @@ def rules(problem: Problem, as_json: bool) -> int:
 
 
 def write_limit_map(problem: Problem, files: Sequence[Path]) -> int:
-    """Write the best map of E_p to each of the files, all or none, and say what it reaches; 0.
+    """Write the best map of E_p to each of the files, all or none, and print its norm; returns 0.
 
     Raises:
-        ConfigError: there is no map (receivers at one depth), or a place holds what warpopt did not write.
-        OSError: a file cannot be written; all are then as they were.
+        ConfigError: there is no map (receivers at one depth), or a target that warpopt did not write.
+        OSError: a file cannot be written; all are left unchanged.
     """
     try:
         objective = warpopt.Objective("p", problem.norm, problem.measure)

@@ -1,4 +1,4 @@
-"""What `warpopt solve`, `rules` and `limit` are asked, on the command line alone. Knows nothing of JAX."""
+"""The settings of `warpopt solve`, `rules` and `limit`, from the command line only. Does not import JAX."""
 
 from ..common.settings import OneObjective, OneView, ThetaDeg
 

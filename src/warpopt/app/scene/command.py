@@ -9,7 +9,7 @@ from ..common.jax_settings import prepare_jax
 
 @dataclasses.dataclass(frozen=True)
 class Scene(Configured):
-    """Solve a scene: cameras, lights and what is seen, to matrices, tables and error maps."""
+    """Solve a scene: cameras, lights and receivers; writes matrices, tables and error maps."""
 
     @staticmethod
     def model() -> Any:

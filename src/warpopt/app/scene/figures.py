@@ -1,4 +1,4 @@
-"""The pictures of a scene: error maps over the image, and curves along a light's path."""
+"""The pictures of a scene: error maps over the image, and curves along the light's path."""
 
 import dataclasses
 from pathlib import Path
@@ -42,7 +42,7 @@ def write_scene_figures(
         if shown < len(_objectives(solved)):
             caption += f" The first {shown} of {len(_objectives(solved))} objectives."
         figures.append(("light_path", caption))
-    # The same cameras and lights for every objective, so that pictures can be compared.
+    # The same cameras and lights for every objective make the pictures comparable.
     places = sorted({(s.camera, s.light) for s in drawable})
     count = min(len(places), max(1, MOST_MAPS // max(1, len(_objectives(solved)))))
     shown_places = {places[i] for i in np.linspace(0, len(places) - 1, count).round().astype(int)} if places else set()
@@ -67,19 +67,19 @@ def write_scene_figures(
 
 
 def seen_of(config: SceneConfig, scene: SceneInput, s: Solved) -> Seen:
-    """The image where there is one, else a section along the light: bodies have no surface to show."""
+    """The image if there is one, otherwise a section along the light: bodies have no visible surface."""
     camera, receivers = scene.cameras[s.camera], receivers_of(config, scene, s.camera)
     if isinstance(receivers, DepthBuffer):
         return image_of(camera, np.asarray(receivers.eye_depth(camera_of(camera))))
     planes = np.asarray(receivers.planes) if isinstance(receivers, ConvexBody) else np.zeros((0, 4))
-    if np.isinf(camera.far):  # to where the body ends
+    if np.isinf(camera.far):  # use the body's end
         camera = dataclasses.replace(camera, far=float(receivers.depth_extent(camera_of(camera))[1]))
     return section_of(camera, planes, s.mapping, *_SECTION)
 
 
-@style.house_style()
+@style.shared_style()
 def error_map(config: SceneConfig, seen: Seen, s: Solved) -> Figure:
-    """The scene, its error with the optimal warp and without one, on one colour scale."""
+    """The scene, its error with and without the optimal warp, on one colour scale."""
     best, plain = (errors(s.mapping, seen, s.metric, warped) for warped in (True, False))
     both = np.concatenate([best[np.isfinite(best)], plain[np.isfinite(plain)]])
     low, high = np.quantile(both, 0.005), both.max() or 1.0  # E_q of receivers without width is 0
@@ -153,7 +153,7 @@ def _map(axes: Axes, error: np.ndarray, scale: LogNorm, pixels: bool):
     colours = colormaps["magma"]
     image = axes.imshow(error, norm=scale, cmap=colours, aspect="auto", interpolation="nearest")
     if pixels and np.nanmin(error) < 1 < np.nanmax(error):
-        # Where a texel is as large as a pixel.
+        # The contour where a texel has the size of a pixel.
         axes.contour(error, levels=[1.0], colors=["#7fe7dc"], linewidths=0.7)
     row, column = np.unravel_index(np.nanargmax(error), error.shape)
     for size, colour in ((2.2, "white"), (0.9, style.INK)):
@@ -180,7 +180,7 @@ def _section_axes(axes: Axes, extent: tuple[float, float, float, float], shape: 
 
 
 def _tinted(shade: np.ndarray) -> np.ndarray:
-    """Warm grey in the light, blue-grey away from it, and sky."""
+    """Warm grey in the light, blue-grey in shade, and sky."""
     dark, bright = np.array([0.16, 0.19, 0.25]), np.array([0.98, 0.95, 0.88])
     colour = dark + np.nan_to_num(shade)[..., None] * (bright - dark)
     sky = np.array(to_rgb(_SKY))
@@ -191,7 +191,7 @@ def _objectives(solved: list[Solved]) -> list[tuple[int, str, str]]:
     return list(dict.fromkeys((s.camera, s.metric, s.norm) for s in solved))
 
 
-@style.house_style()
+@style.shared_style()
 def path_figure(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> Figure:
     """Strength of the optimal warp, and errors with it and without, at every step of the light's path."""
     by_place = {(s.camera, s.light, s.metric, s.norm): s for s in solved}
@@ -238,7 +238,7 @@ def path_figure(config: SceneConfig, scene: SceneInput, solved: list[Solved]) ->
 
 
 def _positive(values: np.ndarray) -> np.ndarray:
-    """Empty scenes have error 0, which a log axis has no place for."""
+    """Positive values only: empty scenes have error 0, which a log axis cannot show."""
     return np.where(values > 0, values, np.nan)
 
 

@@ -27,7 +27,7 @@ _HEADS = {
 
 
 def short(row: dict[str, Any], name: str) -> str:
-    """A value of a problem's row for people."""
+    """A value of a problem's row, formatted for the report."""
     value = row[name]
     if name.startswith("lambda") and row["no_warp"]:
         return "inf: no warp"
@@ -73,12 +73,12 @@ def _opening(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> st
     units = "screen pixels per texel" if config.objective.screen else "in the units of a screen 2 high and a map 1 by 1"
     lines.append(
         "lambda is the near-plane distance of the warping frustum (inf: no warp), mu its depth range. The margin is "
-        "d log(error) / d log(eta) just below eta = 1: a warp helps where it is positive, and that is known before "
-        f"anything is solved. Errors are {units}."
+        "d log(error) / d log(eta) just below eta = 1: a warp helps where it is positive, which is known before "
+        f"solving. Errors are {units}."
     )
     lines.append(
-        "The limit is what the best monotone map of the depth would reach, perspective or not. Of depth buffers it is "
-        "that of maps that are linear within each of 256 depths, below which a warp may be by up to 8 %."
+        "The limit is what the best monotone map of the depth would reach, perspective or not. For depth buffers it "
+        "is over maps that are linear within each of 256 depths; a warp may be up to 8 % below it."
     )
     lines.append("`scene.json` has the matrices, `table.csv` all numbers, `run.json` configuration and versions.")
     return "\n".join(lines) + "\n"
@@ -91,7 +91,7 @@ def _gain(mine: list[Solved]) -> str:
         return "No problem has receivers.\n"
     (most, where), (least, _) = max(gains), min(gains)
     words = f"The optimal warp divides the error by {most:.3g} at best (light {where}) and by {least:.3g} at worst."
-    return words + (f" No warp is optimal in {useless} problem(s).\n" if useless else "\n")
+    return words + (f" eta = 1 (no warp) minimises the error in {useless} problem(s).\n" if useless else "\n")
 
 
 def _limit(mine: list[Solved]) -> str:

@@ -1,4 +1,4 @@
-"""`warpopt scene`: a scene in, a folder with its warps, matrices and error maps out."""
+"""`warpopt scene`: solves a scene and writes a folder with warps, matrices and error maps."""
 
 import dataclasses
 from pathlib import Path
@@ -39,14 +39,14 @@ _SHOWN = {
     "unwarped": "no warp",
     "outcome": "outcome",
 }
-_MOST_SHOWN = 24  # problems in the terminal; the report has them all
+_MOST_SHOWN = 24  # problems shown in the terminal; the report has all
 
 
 def run_scene(config: SceneConfig, scene: SceneInput, console: Console | None = None) -> int:
-    """Solve, write, summarise; 0 if every problem was solved, 1 if not.
+    """Solve, write, summarise; returns 0 if every problem was solved, otherwise 1.
 
     Raises:
-        ConfigError: the output folder cannot be written, or is not an earlier result.
+        ConfigError: the output folder cannot be written, or is not an existing result.
     """
     console = console or Console()
     objective = config.objective
@@ -70,14 +70,14 @@ def run_scene(config: SceneConfig, scene: SceneInput, console: Console | None = 
 
 
 def _figures(config: SceneConfig, scene: SceneInput, solved: list[Solved], folder: Path) -> list[tuple[str, str]]:
-    # Imported here: matplotlib's first import on a machine looks through all its fonts.
+    # Imported here: matplotlib's first import on a machine scans all fonts.
     from .figures import write_scene_figures
 
     return write_scene_figures(config, scene, solved, folder)
 
 
 def write_scene_table(solved: list[Solved], path: Path) -> None:
-    """One row for each problem; empty where there is no number, lambda = inf where no warp is best."""
+    """One row for each problem; empty if there is no number, lambda = inf for no warp."""
     rows = []
     for s in solved:
         row = s.row | dict(zip("xyz", s.row["direction"], strict=True))
@@ -88,7 +88,7 @@ def write_scene_table(solved: list[Solved], path: Path) -> None:
 
 
 def _scene_record(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> dict[str, Any]:
-    """Everything of the solution; strict JSON."""
+    """The whole solution, as strict JSON."""
     return {
         "convention": {
             "name": config.output.convention,
@@ -135,5 +135,5 @@ def _summarise(console: Console, config: SceneConfig, scene: SceneInput, solved:
     if not scene.lights:
         console.print("The sun is below the horizon all the time: there is nothing to solve.")
     if failures:
-        console.print(f"{failures} problem(s) failed; scene.json tells which and why.", style="bold red")
+        console.print(f"{failures} problem(s) failed; scene.json says which and why.", style="bold red")
     console.print(f"Written: {config.output.directory}: report.md, scene.json, table.csv, run.json", soft_wrap=True)

@@ -1,4 +1,4 @@
-"""The configuration of `warpopt scene`: a scene, and where its results go. Knows nothing of JAX."""
+"""The configuration of `warpopt scene`: a scene, and its output. Does not import JAX."""
 
 from pathlib import Path
 from typing import Literal
@@ -8,7 +8,7 @@ from ..inputs.scene_settings import SceneSettings
 
 
 class SceneOutput(Section):
-    """Where the results go, and for which graphics interface the matrices are."""
+    """Output folder, and the graphics API of the matrices."""
 
     directory: Path
     figures: bool = True

@@ -1,4 +1,4 @@
-"""The problems of a scene: for each objective one compiled program, and for each camera one call over all lights."""
+"""The problems of a scene: one compiled program per objective, and one call per camera for all lights."""
 
 import dataclasses
 import functools
@@ -28,11 +28,11 @@ class Solved:
     """One camera, light direction and objective.
 
     Attributes:
-        camera, light: indices of the scene's distinct ones.
+        camera, light: indices among the scene's distinct ones.
         objective: what was minimised.
-        row: what the files say of it: finite numbers, text and None.
+        row: its values in the files: finite numbers, text and None.
         outcome: how the solve ended.
-        mapping: what its errors depend on, for pictures.
+        mapping: the parameters of its errors, for pictures.
         alone: whether the scene has no other camera.
     """
 
@@ -61,10 +61,10 @@ class Solved:
 
 
 def solve_scene(config: SceneConfig, scene: SceneInput, progress: Callable[[str], None]) -> list[Solved]:
-    """Every metric and norm that was asked for, over every distinct camera and light."""
+    """Every requested metric and norm, over every distinct camera and light."""
     if not scene.lights:
         return []
-    casters = None if scene.casters is None else jax.numpy.asarray(scene.casters)  # once on the device
+    casters = None if scene.casters is None else jax.numpy.asarray(scene.casters)  # copied to the device once
     views = views_of(config, scene)
     solved = []
     for objective in config.objective.objectives():
@@ -102,7 +102,7 @@ def _over_lights(
     """Every light of a view."""
 
     def one(light) -> _Found:
-        with trusted():  # read and checked before
+        with trusted():  # inputs were checked when read
             reduced = eqx.tree_at(lambda v: v.light, view, light).reduced(objective)
             solution = warpopt.optimal_warp(reduced, objective, min_eta=min_eta, throw=False)
             matrix = warpopt.shadow_matrix(reduced, solution, convention, casters=casters)
@@ -115,7 +115,7 @@ def _over_lights(
 
 
 def clip_space(config: SceneConfig) -> "warpopt.ClipSpace":
-    """The convention that was asked for."""
+    """The requested clip-space convention."""
     make = getattr(warpopt.ClipSpace, config.output.convention)
     return make(reversed_z=config.output.reversed_z)
 

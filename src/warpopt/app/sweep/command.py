@@ -1,4 +1,4 @@
-"""The arguments of `warpopt run`, and its road: read, start processes or be one of them, solve."""
+"""The arguments of `warpopt run`, and its steps: read, start processes or be one of them, solve."""
 
 import dataclasses
 from typing import Any

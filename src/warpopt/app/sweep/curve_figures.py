@@ -30,9 +30,9 @@ def left_out_views(sweep: Sweep) -> int:
 
 
 def no_warp_spans(theta_deg: np.ndarray, lam_over_mu: np.ndarray, limit: float) -> list[tuple[float, float]]:
-    """(start, width) of every run of directions whose warp is no warp, each direction standing for its surroundings.
+    """(start, width) of every range of directions with eta = 1.
 
-    A direction reaches half-way to its neighbours, and at least 0.5 degrees, so that a single one is seen.
+    A direction extends half-way to its neighbours, and at least 0.5 degrees, so that a single one is visible.
     """
     order = np.argsort(theta_deg, kind="stable")
     theta, flat = theta_deg[order], np.isposinf(lam_over_mu[order])
@@ -43,11 +43,11 @@ def no_warp_spans(theta_deg: np.ndarray, lam_over_mu: np.ndarray, limit: float) 
     return [(float(start[i]), float(stop[j - 1] - start[i])) for i, j in edges.reshape(-1, 2)]
 
 
-@style.house_style()
+@style.shared_style()
 def lambda_figure(sweep: Sweep) -> Figure:
     """lambda / mu against theta for every rule and every optimum, one panel for each f/n.
 
-    Above each panel a track for each optimum is filled where no warp is optimal (lambda = inf).
+    Above each panel, a track for each optimum is filled where eta = 1 (no warp) minimises the norm.
     """
     views, optima = drawn_views(sweep), looks.drawn_optima(sweep)
     columns = 1 if len(views) == 1 else 2 if len(views) <= 4 else 3
@@ -93,7 +93,7 @@ def _lambda_panel(
     style.log_axis(axes, limits)
     axes.grid(axis="y", which="major", color="#e8e8e8", linewidth=0.6)
     axes.set_axisbelow(True)
-    # Optima below, wide; rules above, narrow: where both agree the rule's colour shows inside the optimum's line.
+    # Wide optima below narrow rules: where both agree, the rule's colour is visible inside the optimum's line.
     for optimum in optima:
         look = looks.optimum_style(sweep, optimum)
         values = optimum.lam_over_mu[view]
@@ -135,11 +135,11 @@ def _no_warp_band(axes: Axes, sweep: Sweep, view: int, optima: list[OptimumCurve
     axes.tick_params(axis="y", length=0, pad=3, labelleft=labels)
 
 
-@style.house_style()
+@style.shared_style()
 def ratio_figure(sweep: Sweep) -> Figure:
     """value(rule) / value(optimum) against theta for the first view: a row for each metric, a column for each norm.
 
-    Shaded above no warp's curve: there a rule is worse than no warp. Rules that yield no lambda are left out.
+    Shaded above the curve of no warp: a rule is worse than no warp there. Rules that yield no lambda are left out.
     """
     optima = looks.drawn_optima(sweep)
     metrics, norms = looks.metrics_of(sweep), looks.norms_of(sweep)[: looks.MOST_NORMS]

@@ -1,4 +1,4 @@
-"""What the figures over the light direction share: how rules, optima and views look and are called."""
+"""The common style of figures over the light direction: looks and names of rules, optima and views."""
 
 from matplotlib.axes import Axes
 
@@ -16,7 +16,7 @@ NORM_INKS = (("#000000", 3.0), ("#5c5c5c", 2.0), ("#000000", 1.2), ("#5c5c5c", 0
 
 
 def rule_style(name: str) -> dict:
-    """A rule that nearly follows another is dashed, and lies above it."""
+    """A rule that nearly follows another is dashed, and drawn above it."""
     rule = EVERY[name]
     return {"color": rule.colour, "linewidth": 1.5, "linestyle": (0, (4, 1.6)) if rule.follows else "-"}
 
@@ -39,7 +39,7 @@ def plain_optimum_label(metric: str, norm: str) -> str:
 
 
 def optimum_style(sweep: Sweep, optimum: OptimumCurves) -> dict:
-    """Dashes tell the metric; grey and width tell the norm."""
+    """Dashes show the metric; grey and width show the norm."""
     grey, width = NORM_INKS[norms_of(sweep).index(optimum.norm) % len(NORM_INKS)]
     dashes = METRIC_DASHES.get(optimum.metric, "-.")
     return {"color": grey, "linewidth": width, "linestyle": dashes, "dash_capstyle": "butt"}
@@ -54,7 +54,7 @@ def norms_of(sweep: Sweep) -> list[str]:
 
 
 def drawn_optima(sweep: Sweep) -> list[OptimumCurves]:
-    """The optima that the figures have room for: the first norms of each metric."""
+    """The optima that fit in the figures: the first norms of each metric."""
     return [optimum for optimum in sweep.optima if optimum.norm in norms_of(sweep)[:MOST_NORMS]]
 
 

@@ -1,4 +1,4 @@
-"""The figures of a run: drawn, written as PNG and SVG, and described in plain sentences."""
+"""The figures of a run: drawn, written as PNG and SVG, and described in captions."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -45,13 +45,13 @@ def write_figures(
     progress: Callable[[str], None] = lambda stem: None,
     of_view: dict[str, str] | None = None,
 ) -> list[tuple[str, str]]:
-    """Write every figure of a run as `<stem>.png` and `<stem>.svg`, the same bytes for the same sweep.
+    """Write every figure of a run as `<stem>.png` and `<stem>.svg`, equal sweeps give identical bytes.
 
     Args:
         sweep: the results.
         directory: an existing folder.
-        progress: told of each stem when it is written.
-        of_view: what `write_view_figures` gave for the first view, if they are written already.
+        progress: receives each stem when it is written.
+        of_view: the result of `write_view_figures` for the first view, if already written.
 
     Returns:
         (stem, caption) of each figure, in order.
@@ -68,7 +68,7 @@ def write_figures(
 def write_view_figures(
     views: Sequence[View], directory: Path, progress: Callable[[str], None] = lambda stem: None
 ) -> dict[str, str]:
-    """Write the first view's figures that need no results, to be drawn while solves are compiled; their captions."""
+    """Write the first view's figures that need no results, while solves are compiled; returns their captions."""
     region = focus_region(_KAPPA, _XI)
     jobs: _Jobs = {
         "focus_region": lambda: (focus_region_figure(data=region), _focus_caption(region)),
@@ -92,7 +92,8 @@ def _lambda_caption(sweep: Sweep) -> str:
     sentences = [
         f"λ/μ against the angle θ between view and light, for every published rule and for the optimum of each "
         f"metric and norm (measure: {sweep.measure}), at f/n = {ratios} and φ = {first.half_fov_deg:g}°.",
-        "The tracks above each panel are filled where no warp (λ = ∞) is optimal; a grey dotted line marks θ = φ, a "
+        "The tracks above each panel are filled where η = 1 (no warp, λ = ∞) minimises the error; a grey dotted line "
+        "marks θ = φ, a "
         "black one the direction where E_q's optimum jumps to no warp.",
         "A curve is missing where a rule yields no λ > 0 or leaves the axis.",
         _no_warp_sentence(sweep),
@@ -103,7 +104,7 @@ def _lambda_caption(sweep: Sweep) -> str:
 
 
 def _no_warp_sentence(sweep: Sweep) -> str:
-    """Up to which sampled direction, from theta = 0 on, the first view wants no warp."""
+    """The last sampled direction, from theta = 0 on, for which eta = 1 minimises the first view's error."""
     ends: dict[str, list[str]] = {}
     for optimum in looks.drawn_optima(sweep):
         flat = sweep.theta_deg[np.isposinf(optimum.lam_over_mu[0]) & (sweep.theta_deg <= 90)]
@@ -113,7 +114,9 @@ def _no_warp_sentence(sweep: Sweep) -> str:
     if not ends:
         return ""
     phrases = [f"θ = {end} for {phrase(names)}" for end, names in ends.items()]
-    return f"At f/n = {looks.ratio_text(sweep.views[0])}, no warp is optimal up to {'; '.join(phrases)}."
+    return (
+        f"At f/n = {looks.ratio_text(sweep.views[0])}, η = 1 (no warp) minimises the error up to {'; '.join(phrases)}."
+    )
 
 
 def _left_out_sentence(count: int, one: str, many: str) -> str:
@@ -146,8 +149,8 @@ def _error_distribution(views: Sequence[View], errors: Distributions) -> tuple[F
     sentences = [
         f"Side views of the aliasing errors E_p, E_q and E_p×q over the view frustum (f/n = {looks.ratio_text(view)}, "
         f"φ = {view.half_fov_deg:g}°) for θ = {phrase([f'{theta:g}°' for theta in THETAS_DEG])}, under no warp, "
-        f"LiSPSM, TSM (κ = {_KAPPA}, ξ = {_XI}) and the L∞ optimum of the panel's own metric.",
-        "All panels share one logarithmic colour scale of base 5, with lines at the powers of 5; the near end stands "
+        f"LiSPSM, TSM (κ = {_KAPPA}, ξ = {_XI}) and the L∞ optimum of the panel's metric.",
+        "All panels share one logarithmic colour scale of base 5, with lines at the powers of 5; the near end is "
         "magnified in the upper left corner, and the number is the largest error over the frustum.",
         f"At θ = {THETAS_DEG[0]:g}° the largest error without a warp over the optimum's is, for {gains}.",
         _left_out_sentence(len(views) - 1, "view", "views of the run"),

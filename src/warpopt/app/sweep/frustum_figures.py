@@ -1,4 +1,4 @@
-"""The frustum seen from the side, coloured by its aliasing error, and from the light, as TSM deforms it."""
+"""The frustum from the side, coloured by its aliasing error, and from the light, as deformed by TSM."""
 
 import dataclasses
 import fractions
@@ -28,13 +28,13 @@ METRICS = ("p", "q", "pxq")
 TECHNIQUES = ("no warp", "LiSPSM", "TSM", "optimum")
 THETAS_DEG = (90.0, 60.0, 30.0)
 _SAMPLES = 112
-# Red highest as in AT09; blue against orange and red, dark at both ends, is safe for colour-blind readers.
+# Red is highest, as in AT09; blue, orange and red with dark ends suit colour-blind readers.
 _COLOURS = LinearSegmentedColormap.from_list(
     "errors", ("#1d2671", "#2f6db5", "#6fc0d6", "#f4eeb1", "#f8b34c", "#e2551d", "#8c0d1b"), N=1024
 )
 _LIGHT = "#b07900"
 _PANEL = 1.2  # inches
-_MAGNIFIED = 0.3  # the magnified near part's size, of the frustum's
+_MAGNIFIED = 0.3  # size of the magnified near part, relative to the frustum
 _LEAST_MAGNIFICATION = 1.5
 _DEEP = View(1.0, 1000.0, 30.0)  # deep enough that VN's 1/4 and 4/7 hold to 0.001
 _FOCUS, _FOCUS_FILL, _FOCUS_INK, _DISTANT = "#d55e00", "#fbe3d0", "#8f3d00", "#dfe6ec"
@@ -46,7 +46,7 @@ class Distributions:
 
     Attributes:
         errors: shape (metrics, techniques, directions, 2, y, z); index 3 is 0 for the whole frustum, 1 for its near
-            part. A point beside the frustum has the error of the nearest side plane at the same z.
+            part. A point outside the frustum has the error of the nearest side plane at the same z.
         extents: (z0, z1, y0, y1) of the two.
     """
 
@@ -63,7 +63,7 @@ def distributions(view: View, thetas_deg: tuple[float, ...] = THETAS_DEG, sample
     y = np.clip(height, -z, z) * slope
     extents = tuple((near, end, -end * slope, end * slope) for end in ends)
     frustum, theta = _single(view), np.deg2rad(np.array(thetas_deg))
-    # Frustum and angles as constants of the compiled call: traced, they take XLA three times as long.
+    # Frustum and angles are constants of the compiled call: tracing them makes XLA three times slower.
     errors = jax.jit(lambda y, z: _errors(frustum, theta, y, z))(y, z)
     return Distributions(np.asarray(errors), extents)
 
@@ -74,7 +74,7 @@ def _single(view: View) -> "warpopt.ViewFrustum":
 
 def _errors(frustum: "warpopt.ViewFrustum", theta: np.ndarray, y: jax.Array, z: jax.Array) -> jax.Array:
     every = []
-    with trusted():  # of settings
+    with trusted():  # settings were checked
         published = [rule(frustum, theta) for rule in (warpopt.rules.ssm, warpopt.rules.lispsm, warpopt.rules.tsm)]
         view = warpopt.FrustumView(frustum, theta)
         for metric in METRICS:
@@ -84,12 +84,12 @@ def _errors(frustum: "warpopt.ViewFrustum", theta: np.ndarray, y: jax.Array, z: 
     return jnp.stack(every)
 
 
-@style.house_style()
+@style.shared_style()
 def error_distribution_figure(view: View, data: Distributions | None = None) -> Figure:
     """AT09's Figure 3 with a column for the optimum: side views of the errors at theta = 90, 60 and 30 degrees.
 
-    z runs to the right and y upwards, at the same scale; in the free corner stands the near part, magnified. The
-    number is the panel's maximum. The optimum is the L-inf optimum of the panel's own metric.
+    z runs to the right and y upwards, at the same scale; the free corner shows the magnified near part. The
+    number is the panel's maximum. The optimum is the L-inf optimum of the panel's metric.
     """
     data = distributions(view) if data is None else data
     logs = np.log(data.errors) / math.log(5)
@@ -103,7 +103,7 @@ def error_distribution_figure(view: View, data: Distributions | None = None) -> 
     bottom = top + 9 * (tall + gap) + 2 * block_gap
     total = left + len(TECHNIQUES) * (width + gap) + 0.05
     figure = style.new_figure(total, bottom + 0.72)
-    # One set of axes in inches, downwards negative: forty of them would take most of the time.
+    # One set of axes in inches, negative downwards: forty axes would take most of the time.
     canvas = style.place(figure, 0, 0, *figure.get_size_inches())
     canvas.set_axis_off()
     style.write_at(figure, 0.1, 0.3, looks.view_label(view).replace("  ", "\n"), color=style.MUTED, va="center")
@@ -180,7 +180,7 @@ def _area(
 
 
 def _decades(logs: np.ndarray) -> tuple[int, int]:
-    """The whole numbers around all finite values, one apart at least."""
+    """Integers that enclose all finite values, at least one apart."""
     finite = logs[np.isfinite(logs)]
     low, high = (math.floor(finite.min()), math.ceil(finite.max())) if finite.size else (0, 1)
     return low, max(high, low + 1)
@@ -206,7 +206,7 @@ def _colour_bar(
 
 
 def _direction_glyph(axes: Axes, x: float, y: float, theta_deg: float, named: bool) -> None:
-    """theta in words, over an arrow along the view direction and one along the light's rays."""
+    """theta as text, above an arrow along the view direction and one along the light's rays."""
     axes.text(x, y - 0.06, f"θ = {theta_deg:g}°", size=9.5, weight="bold", va="center")
     size, floor = 0.42, y - 0.72
     light = x + size * math.cos(math.radians(theta_deg)), floor + size * math.sin(math.radians(theta_deg))
@@ -234,7 +234,7 @@ class FocusRegion:
 
     @property
     def distant_share(self) -> float:
-        """Share of the map's height before the focus region begins."""
+        """Share of the map's height in front of the focus region."""
         return float(self.focus[1, 0, 1])
 
     @property
@@ -244,7 +244,7 @@ class FocusRegion:
 
 
 def focus_region(kappa: float = 0.5, xi: float = 0.8, view: View = _DEEP) -> FocusRegion:
-    """TSM's focus region, eye depths up to n + (f - n) kappa, seen by a light at theta = 0: there d is -y alone."""
+    """TSM's focus region, eye depths up to n + (f - n) kappa, for a light at theta = 0, where d = -y."""
     far = view.far * math.tan(math.radians(view.half_fov_deg))
     depth = (view.near + (view.far - view.near) * kappa) / view.far
     steps, ends = np.linspace(-1, 1, 13), np.array([-1.0, 1.0])
@@ -260,18 +260,18 @@ def _mapped(
     frustum: "warpopt.ViewFrustum", kappa: float, xi: float, x: jax.Array, y: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """TSM's lambda / mu at theta = 0, and (t, s) of points of the far plane without and with its warp."""
-    with trusted():  # of settings
+    with trusted():  # settings were checked
         tsm = warpopt.rules.tsm(frustum, 0.0, kappa, xi)
         warps = (warpopt.rules.ssm(frustum, 0.0), tsm)
         maps = [jnp.stack(texture_coordinates(frustum, 0.0, warp, x, y, frustum.far), -1) for warp in warps]
     return tsm.lam_over_mu, jnp.stack(maps)
 
 
-@style.house_style()
+@style.shared_style()
 def focus_region_figure(kappa: float = 0.5, xi: float = 0.8, data: FocusRegion | None = None) -> Figure:
     """VN's Figure 3: how TSM at theta = 0 deforms the focus region.
 
-    Left the frustum as the light sees it, right the warped map with the same grid; the tinted band is the distant
+    Left: the frustum seen from the light; right: the warped map with the same grid; the tinted band is the distant
     region that comes first in the map. `data`, if given, is drawn instead of `focus_region(kappa, xi)`.
     """
     region = focus_region(kappa, xi) if data is None else data

@@ -1,4 +1,4 @@
-"""Starts the processes of a run on this machine and watches them. Knows nothing of JAX."""
+"""Starts the processes of a run on this machine and watches them. Does not import JAX."""
 
 import collections
 import contextlib
@@ -18,30 +18,30 @@ from ..common.command import Failed
 from ..frusta.block_files import count_of, folder_of
 from .settings import RunConfig
 
-LAUNCHER_VARIABLE = "WARPOPT_LAUNCHER"  # the launcher's process id, for its children to end with it
+LAUNCHER_VARIABLE = "WARPOPT_LAUNCHER"  # the launcher's process id; children end when it ends
 _POLL_S = 0.1
 _GRACE_S = 5.0  # between asking a process to end and killing it
 _TAIL_LINES = 12
 
 
 class ProcessDied(Failed):
-    """A process ended or fell silent before its share was finished, in words."""
+    """A process ended or stopped responding before its share was finished; the message says how."""
 
 
 def alive_path(folder: Path, process: int) -> Path:
-    """The file whose time of change says that a process runs."""
+    """A file whose modification time shows that a process is running."""
     return folder / f"process-{process}.alive"
 
 
 def free_address() -> str:
-    """A loopback address whose port is free now."""
+    """A loopback address whose port is currently free."""
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
         return f"127.0.0.1:{listener.getsockname()[1]}"
 
 
 def worker_command(arguments: list[str], process: int, coordinator: str) -> list[str]:
-    """The same command line, said to be one of the processes."""
+    """The same command line, with options that make it one of the processes."""
     identity = ["--compute.process-id", str(process), "--compute.coordinator", coordinator]
     return [sys.executable, "-m", "warpopt.app.cli", "run", *arguments, *identity]
 
@@ -57,7 +57,7 @@ class _Child:
     last_seen: float = dataclasses.field(default_factory=time.monotonic)
 
     def silent_for(self) -> float:
-        """Seconds since the process last touched its file, on this process's clock."""
+        """Seconds since the process last touched its file, by this process's clock."""
         try:
             touch = self.alive.stat().st_mtime
         except OSError:
@@ -77,18 +77,20 @@ class _Child:
             what = f"was killed by signal {-code} ({signal.Signals(-code).name})"
         else:
             what = f"ended with exit code {code}"
-        if code is not None:  # its last words may still be in the pipe
+        if code is not None:  # its last output may still be in the pipe
             for thread in self.threads:
                 thread.join(1.0)
         words = "".join(f"\n    {line}" for line in self.tail)
-        return f"process {self.number} (pid {self.process.pid}) {what}" + (f"; its last words:{words}" if words else "")
+        return f"process {self.number} (pid {self.process.pid}) {what}" + (
+            f"; its last output:{words}" if words else ""
+        )
 
 
 def compute_in_processes(config: RunConfig, arguments: list[str], say: Callable[[str], None]) -> None:
-    """Compute every block in as many processes as were asked for, all of the same command line.
+    """Compute every block in the requested number of processes, all with the same command line.
 
     Raises:
-        ProcessDied: as `launch`, with what is kept.
+        ProcessDied: as `launch`, with the number of kept blocks.
     """
     compute, problem = config.compute, config.problem()
     address = compute.coordinator or free_address()
@@ -102,10 +104,10 @@ def compute_in_processes(config: RunConfig, arguments: list[str], say: Callable[
 
 
 def launch(commands: list[list[str]], folder: Path, timeout_s: float, say: Callable[[str], None]) -> None:
-    """Run the commands side by side until all have ended well.
+    """Run the commands in parallel until all have succeeded.
 
     Raises:
-        ProcessDied: one ended otherwise, or was silent for `timeout_s`; the others are ended first.
+        ProcessDied: one failed, or was silent for `timeout_s`; the others are stopped first.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with _children(commands, folder, say) as children:
@@ -126,13 +128,13 @@ def _check(children: list[_Child], timeout_s: float) -> None:
 
 @contextlib.contextmanager
 def _children(commands: list[list[str]], folder: Path, say: Callable[[str], None]) -> Iterator[list[_Child]]:
-    """The processes, none of which outlives the block."""
+    """The processes; none of them outlives the block."""
     children: list[_Child] = []
     environment = {**os.environ, LAUNCHER_VARIABLE: str(os.getpid())}
     try:
         for number, command in enumerate(commands):
             alive_path(folder, number).unlink(missing_ok=True)
-            # A session of its own: an interrupt at the terminal is the launcher's to pass on.
+            # A new session: the launcher forwards interrupts from the terminal.
             process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment,
                 start_new_session=True, encoding="utf-8", errors="replace",

@@ -1,4 +1,4 @@
-"""`report.md`: what a run found, in words, beside its figures."""
+"""`report.md`: the results of a run as text, with its figures."""
 
 import dataclasses
 
@@ -15,7 +15,7 @@ from .settings import RunConfig
 
 @dataclasses.dataclass(frozen=True)
 class Finding:
-    """One objective over one view, summed up."""
+    """The summary of one objective over one view."""
 
     depth_ratio: float
     half_fov_deg: float
@@ -30,7 +30,7 @@ class Finding:
 
 
 def ranges_of(theta_deg: np.ndarray, selected: np.ndarray) -> str:
-    """The selected directions in words: "0 to 10 deg, 80 deg"; empty if none."""
+    """The selected directions as text: "0 to 10 deg, 80 deg"; empty if none."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], selected, [False]]).astype(int)))
     words = []
     for first, last in zip(edges[::2], edges[1::2] - 1, strict=True):
@@ -58,7 +58,7 @@ def _finding(sweep: Sweep, i: int, optimum: OptimumCurves, order: np.ndarray) ->
             worst[name] = (float(ratio[at]), float(theta[at]))
         else:
             worst[name] = (float("nan"), float("nan"))
-        # beyond rounding
+        # by more than rounding
         harmful[name] = ranges_of(theta, np.nan_to_num(ratio) > unwarped * (1 + 1e-9))
     result = optimum.result[i, order]
     return Finding(
@@ -83,7 +83,7 @@ def _paragraph(finding: Finding) -> str:
     lines.append(
         "A warp helps for every direction of the table."
         if f.no_warp == "none"
-        else f"No warp is optimal for theta = {f.no_warp}; a warp helps for the others."
+        else f"eta = 1 (no warp) minimises the error for theta = {f.no_warp}; a warp helps for the others."
     )
     lines += filter(None, [limit_sentence(f.over_limit)])
     rows = []
@@ -102,7 +102,7 @@ def _counted(count: int, noun: str) -> str:
 
 
 def _closest(found: list[Finding]) -> str:
-    """In words: for each objective, the rule that is closest to the optimum in its worst direction."""
+    """Text: for each objective, the rule that is closest to the optimum in its worst direction."""
     words = []
     for f in found:
         complete = {name: worst for name, worst in f.worst.items() if name in f.everywhere and name != "ssm"}
@@ -118,7 +118,7 @@ def _closest(found: list[Finding]) -> str:
 
 
 def _without_limit(sweep: Sweep) -> str:
-    """In words, once: the objectives that have no limit."""
+    """Text: the objectives that have no limit."""
     without = [f"E_{o.metric} in norm {o.norm}" for o in sweep.optima if o.no_limit_because]
     return f"None is known, and the columns hold nan, for {', '.join(without)}." if without else ""
 

@@ -1,4 +1,4 @@
-"""`warpopt run`: a configuration in, a folder of results out."""
+"""`warpopt run`: solves a configuration and writes a folder of results."""
 
 import concurrent.futures
 from collections.abc import Callable
@@ -20,18 +20,18 @@ from .report import Finding, findings, report
 from .settings import RunConfig
 from .tables import run_record, write_arrays, write_table
 
-_SHOWN_RULES = ("ssm", "lispsm", "tsm")  # of the terminal's summary; the report has them all
+_SHOWN_RULES = ("ssm", "lispsm", "tsm")  # shown in the terminal's summary; the report has all
 
 
 def run(config: RunConfig, console: Console | None = None) -> int:
-    """Solve, write, summarise; 0 if every problem was solved, 1 if the table, written all the same, holds failures.
+    """Solve, write, summarise; returns 0 if every problem was solved, 1 if the table, still written, contains failures.
 
-    With compute.processes > 1 the processes have computed every block before: here they are merged. Finished blocks
-    that an earlier run of the same problem left are taken; their folder is removed when the results are in place.
+    With compute.processes > 1 the processes have computed every block already: here they are merged. Finished blocks of
+    an earlier run of the same problem are reused; their folder is removed when the results are in place.
 
     Raises:
-        ConfigError: the output folder cannot be written, or is not an earlier result.
-        Incomplete: with compute.processes > 1, a block is not there.
+        ConfigError: the output folder cannot be written, or is not an existing result.
+        Incomplete: with compute.processes > 1, a block is missing.
     """
     console = console or Console()
     problem = config.problem()
@@ -63,7 +63,7 @@ def run(config: RunConfig, console: Console | None = None) -> int:
 
 
 def _view_figures(problem: SweepProblem, folder: Path, progress: Callable[[str], None]) -> dict[str, str]:
-    # Imported here, in the drawing thread: matplotlib's first import on a machine looks through all its fonts.
+    # Imported here, in the drawing thread: matplotlib's first import on a machine scans all fonts.
     from .figures import write_view_figures
 
     return write_view_figures(problem.views, folder, progress)
@@ -79,7 +79,7 @@ def _sweep_figures(
 
 def _summarise(console: Console, found: list[Finding], directory: Path, failures: int) -> None:
     table = Table(title="Worst ratio of error to optimal error, over all directions")
-    for column in ("f/n", "half fov", "objective", "no warp is optimal for", *map(rule_title, _SHOWN_RULES)):
+    for column in ("f/n", "half fov", "objective", "eta = 1 minimises for", *map(rule_title, _SHOWN_RULES)):
         table.add_column(column, justify="right")
     for f in found:
         worst = (f"{f.worst[name][0]:.4g}" for name in _SHOWN_RULES)
@@ -87,6 +87,6 @@ def _summarise(console: Console, found: list[Finding], directory: Path, failures
     console.print(table)
     if failures:
         console.print(
-            f"{failures} problem(s) failed; the outcome column of run.json tells which and why.", style="bold red"
+            f"{failures} problem(s) failed; the outcome column of run.json says which and why.", style="bold red"
         )
     console.print(f"Written: {directory}{'/' if directory.name else ''}report.md, table.csv, table.npz, run.json")

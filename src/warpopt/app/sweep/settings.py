@@ -1,4 +1,4 @@
-"""The configuration of `warpopt run`: view frusta, light angles, objectives, processes. Knows nothing of JAX."""
+"""The configuration of `warpopt run`: view frusta, light angles, objectives, processes. Does not import JAX."""
 
 from typing import Annotated
 
@@ -18,7 +18,7 @@ from ..common.settings import (
 )
 from ..frusta.problem import BLOCK_MULTIPLE, BLOCK_SIZE, SweepProblem, View
 
-_FIGURE_RATIOS = (10.0, 100.0, 1000.0, 10000.0)  # f/n of the figure over several f/n, beside the config's own
+_FIGURE_RATIOS = (10.0, 100.0, 1000.0, 10000.0)  # f/n of the figure over several f/n, in addition to the config's
 
 
 class ViewConfig(NearFar):
@@ -30,22 +30,22 @@ class ViewConfig(NearFar):
 
 
 class ComputeConfig(Section):
-    """How the run is spread over processes and devices. None of it but block_size can change a bit of the result."""
+    """The distribution of a run over processes and devices. Only block_size can change a bit of the result."""
 
     processes: Annotated[int, Field(ge=1, le=65_536)] = 1
-    """1: this process computes. More: it starts them on this machine, unless process_id says that it is one of them."""
+    """1: this process computes. More: it starts them on this machine, unless process_id makes it one of them."""
     devices_per_process: Annotated[int, Field(ge=1, le=1024)] | None = None
-    """CPU devices that each process makes for itself; without it JAX's own: one, or every GPU that it sees."""
+    """CPU devices that each process creates; by default JAX's devices: one CPU, or every visible GPU."""
     block_size: Annotated[int, Field(ge=BLOCK_MULTIPLE, le=16_777_216, multiple_of=BLOCK_MULTIPLE)] = BLOCK_SIZE
-    """The most problems in a block, the unit of work that one device computes and one file keeps."""
+    """Maximum number of problems in a block, the unit of work that one device computes and one file keeps."""
     timeout_s: Annotated[float, Field(ge=1, le=86_400)] = 120.0
-    """A process that is silent for so long counts as dead."""
+    """A process that is silent for this long counts as dead."""
     keep_blocks: bool = False
-    """Keep finished blocks on disk until the run is complete, with one process too; with more it is always so."""
+    """Keep finished blocks on disk until the run is complete; always on with several processes."""
     coordinator: Annotated[str, Field(pattern=r"^.+:[0-9]{1,5}$")] | None = None
-    """host:port at which process 0 can be reached; chosen by the command that starts the processes, if not given."""
+    """host:port at which process 0 can be reached; by default chosen by the command that starts the processes."""
     process_id: Annotated[int, Field(ge=0)] | None = None
-    """Which of the processes this is, from 0; on a cluster, given on each process's command line."""
+    """Index of this process, from 0; on a cluster, given on each process's command line."""
 
     @pydantic.field_validator("process_id")
     @classmethod
@@ -54,7 +54,7 @@ class ComputeConfig(Section):
         if value is not None and processes is not None and value >= processes:
             raise ValueError(f"expected less than compute.processes = {processes}")
         if value is not None and "coordinator" in info.data and info.data["coordinator"] is None:
-            raise ValueError("expected compute.coordinator = 'host:port' beside it")
+            raise ValueError("expected compute.coordinator = 'host:port' too")
         return value
 
 
@@ -68,7 +68,7 @@ class RunConfig(Section):
     compute: ComputeConfig = ComputeConfig()
 
     def problem(self) -> SweepProblem:
-        """What is to be computed, with the views that only figures ask for."""
+        """The problem, including views that only figures need."""
         view = self.view
         views = tuple(View(view.near, far, half_fov) for half_fov in view.half_fov_deg for far in view.far)
         return SweepProblem(

@@ -1,4 +1,4 @@
-"""The files of numbers of a run: `table.csv`, `table.npz`, and what `run.json` says of each row."""
+"""The data files of a run: `table.csv`, `table.npz`, and the rows of `run.json`."""
 
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from .settings import RunConfig
 
 
 def write_table(sweep: Sweep, path: Path) -> None:
-    """One row for each view, objective and direction; floats as Python writes them, which read back the same."""
+    """One row for each view, objective and direction; floats in Python's format, which reads back exactly."""
     head = ["theta_deg", "near", "far", "half_fov_deg", "metric", "norm", "measure", "eta", "lambda_over_mu", "lambda"]
     rows = (
         (theta, view.near, view.far, view.half_fov_deg, o.metric, o.norm, sweep.measure, *row)
@@ -59,7 +59,7 @@ def write_arrays(sweep: Sweep, path: Path) -> None:
 
 
 def run_record(config: RunConfig, sweep: Sweep, timings: dict[str, float]) -> dict[str, Any]:
-    """What a later reader needs to trust or repeat the run; strict JSON."""
+    """The data needed to trust or repeat the run, as strict JSON."""
     return environment(config, sweep.optima[0].eta.dtype, timings) | {
         "objectives": [
             {

@@ -1,4 +1,4 @@
-"""One process of several: computes its share of the blocks and leaves them in the working folder."""
+"""One process of several: computes its share of the blocks and writes them to the working folder."""
 
 import os
 import threading
@@ -16,15 +16,15 @@ _WEEK_S = 7 * 24 * 3600
 
 
 def work(config: RunConfig) -> int:
-    """Join the process group, compute, wait for the others; 0 when this process's share is finished.
+    """Join the process group, compute, wait for the others; returns 0 when this process's share is finished.
 
-    No block needs another process: JAX's distributed runtime forms the group, tells which device is whose, notices
-    (on a cluster, where nobody else watches) that a process died, and holds process 0 until all are done.
+    Blocks do not depend on other processes: JAX's distributed runtime forms the group, assigns the devices, detects
+    dead processes (on a cluster, where nothing else does), and keeps process 0 alive until all are done.
     """
     compute = config.compute
     me, timeout_s = compute.process_id, round(compute.timeout_s)
     problem = config.problem()
-    assert me is not None  # else the launcher would run
+    assert me is not None  # otherwise the launcher would run
     folder = folder_of(config.output.directory, problem)
     folder.mkdir(parents=True, exist_ok=True)
     _stay_alive_with_launcher(alive_path(folder, me), compute.timeout_s)
@@ -56,7 +56,7 @@ def work(config: RunConfig) -> int:
 
 
 def _stay_alive_with_launcher(alive: Path, timeout_s: float) -> None:
-    """Touch a file, by which the launcher sees that this process runs; end when the launcher does."""
+    """Touch a file that shows the launcher that this process runs; exit when the launcher does."""
     launcher = os.environ.get(LAUNCHER_VARIABLE)
     if launcher is None:
         return

@@ -11,7 +11,7 @@ from ..common.settings import read_config
 
 @dataclasses.dataclass(frozen=True)
 class Table(Configured):
-    """Build a table of the optimal warp over theta that keeps a promise, for `export`."""
+    """Build a table of the optimal warp over theta with a promised accuracy, for `export`."""
 
     @staticmethod
     def model() -> Any:

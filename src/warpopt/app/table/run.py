@@ -1,4 +1,4 @@
-"""`warpopt table`: a configuration in, a table with its promise out."""
+"""`warpopt table`: builds a table from a configuration and writes it."""
 
 import math
 import sys
@@ -10,10 +10,10 @@ from .settings import TableConfig
 
 
 def run_table(config: TableConfig) -> int:
-    """Build, write, say what was achieved; 0 if the promise is kept, 1 (and no file) if rounding does not allow it.
+    """Build, write, print the result; returns 0 if the promise is kept, 1 (and no file) if rounding prevents it.
 
     Raises:
-        ConfigError: the output's place cannot be written, or holds what warpopt did not write.
+        ConfigError: the output cannot be written, or is a file that warpopt did not write.
     """
     view, objective, span = config.view, config.objective, config.light.theta_deg
     path = config.output.file
@@ -51,6 +51,6 @@ def run_table(config: TableConfig) -> int:
         print(f"largest regret {table.achieved:.4g} with {bound}, at {where}")
         if table.promised > objective.max_regret:
             slack = f"within {10 if ratios is None and fovs is None else 25} % of the least that the bound allows"
-            print(f"more than the {objective.max_regret:g} asked for: {slack}")
+            print(f"more than the {objective.max_regret:g} requested: {slack}")
     print(f"Written: {path}")
     return 0

@@ -1,4 +1,4 @@
-"""The configuration of `warpopt table`: view, light, objective, promise. Knows nothing of JAX."""
+"""The configuration of `warpopt table`: view, light, objective, promise. Does not import JAX."""
 
 from pathlib import Path
 from typing import Annotated
@@ -11,7 +11,7 @@ from ..common.settings import HalfFovDeg, NearFar, OneObjective, Positive, Secti
 
 
 class Rising(Section):
-    """What has a start and a stop beyond it."""
+    """A start, and a stop beyond it."""
 
     @pydantic.field_validator("stop", check_fields=False)
     @classmethod
@@ -23,22 +23,22 @@ class Rising(Section):
 
 
 class Span(Rising):
-    """Smallest and largest value that a table covers."""
+    """The smallest and largest value that a table covers."""
 
     start: Positive
     stop: Positive
 
 
 class TableView(NearFar):
-    """One view frustum, of which only far/near and the field of view matter; or ranges of either."""
+    """One view frustum, given by far/near and the field of view; or ranges of either."""
 
     near: Positive = 1.0
     far: Positive | None = None
     half_fov_deg: HalfFovDeg | None = None
     far_over_near: Span | None = None
-    """In the place of `far`: the table has an axis far/near."""
+    """Instead of `far`: the table has an axis far/near."""
     half_fov_deg_range: Span | None = None
-    """In the place of `half_fov_deg`: the table has an axis of the field of view."""
+    """Instead of `half_fov_deg`: the table has an axis for the field of view."""
 
     @pydantic.model_validator(mode="after")
     def _one_of_each(self) -> "TableView":
@@ -53,7 +53,7 @@ class TableView(NearFar):
 
 
 class ThetaSpan(Rising):
-    """First and last angle between light and view direction; beyond 90 degrees a look-up folds them."""
+    """First and last angle between light and view direction; a lookup mirrors angles beyond 90 degrees."""
 
     start: Annotated[float, Field(ge=0, lt=90, strict=True)] = 0.0
     stop: Annotated[float, Field(gt=0, le=90, strict=True)] = 90.0
@@ -66,7 +66,7 @@ class TableLight(Section):
 
 
 class TableObjective(OneObjective):
-    """What is minimised, and how much of it a look-up may lose."""
+    """What is minimised, and the maximum regret of a lookup."""
 
     max_regret: Positive = 1e-3
     """The promise: value/minimum - 1 stays below it in every direction."""
@@ -75,7 +75,7 @@ class TableObjective(OneObjective):
 
 
 class TableOutput(Section):
-    """Where the table goes."""
+    """The output file."""
 
     file: Path
     """Ends in .npz, .csv or .json."""

@@ -1,1 +1,1 @@
-"""Receivers by their depth along Z_w, which lower bounds are made of."""
+"""Receivers by depth along Z_w, used by lower bounds."""

@@ -1,4 +1,4 @@
-"""The view axis by its depth along Z_w."""
+"""The view axis by depth along Z_w."""
 
 import dataclasses
 
@@ -18,7 +18,7 @@ class AxisProfile:
     frame: LightFrame
 
     def stretches(self, order: float, parts: int) -> Stretches:
-        """Depth and eye depth are in proportion, W is z^-P: the map is that of z^(1/(P+1))."""
+        """Depth and eye depth are proportional and W is z^-P, so the map is that of z^(1/(P+1))."""
         near, far = float(self.camera.near), float(self.camera.far)
         if np.isinf(order):
             return hull_stretches([slab(np.array([[0.0, 0.0, 1.0]]), near, far)], self.frame, parts)

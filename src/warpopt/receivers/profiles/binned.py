@@ -1,7 +1,7 @@
-"""Sets of points by their depth along Z_w, counted in bins.
+"""Sets of points by depth along Z_w, counted in bins.
 
-Finitely many points alone would have the lower bound 0, with every texel row at a point: the bins stand for the
-surfaces between them.
+Finitely many points would have the lower bound 0, with every texel row at a point: the bins stand for the surfaces
+between them.
 """
 
 import dataclasses
@@ -17,11 +17,11 @@ from ...theory.light_frame import LightFrame
 from ..bins import bin_edges, bin_of, ends
 from .profile import NOTHING, Stretches
 
-_TOGETHER = 4096  # receivers in a row
+_TOGETHER = 4096  # receivers per row
 
 
 class PointSet(NamedTuple):
-    """Points in eye coordinates, and their weights; 0 for what is not seen."""
+    """Points in eye coordinates and their weights; 0 for invisible points."""
 
     points: Float[Array, "N 3"]
     weights: Float[Array, " N"]
@@ -29,14 +29,14 @@ class PointSet(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BinnedProfile:
-    """Points in bins of depth, within each of which the map is linear and of one width; see `DepthProfile`."""
+    """Points in bins of depth; within each, the map is linear and has one width; see `DepthProfile`."""
 
     receivers: PointSet
     frame: LightFrame
     bins: int
 
     def stretches(self, order: float, parts: int) -> Stretches:
-        """See `DepthProfile`; a bin is one straight part."""
+        """See `DepthProfile`; a bin is one linear part."""
         start, mu, unit, mass, found = map(np.asarray, _binned(self.receivers, self.frame, order, self.bins))
         if not mu > 0:
             return NOTHING
@@ -57,7 +57,7 @@ class BinnedProfile:
 def _placed(receivers: PointSet, frame: LightFrame, bins: int) -> tuple[Array, Array, Array, Array, Int[Array, " N"]]:
     """(points in eye coordinates, weights, start, mu, the bin of each)."""
     points, weights = receivers
-    if not len(points):  # one point of no weight
+    if not len(points):  # empty: one point of weight 0
         points, weights = jnp.ones((1, 3), points.dtype), jnp.zeros(1, points.dtype)
     seen = weights > 0
     points = jnp.where(seen[:, None], points, jnp.ones(3, points.dtype))
@@ -76,7 +76,7 @@ def _binned(receivers: PointSet, frame: LightFrame, order: float, bins: int) -> 
     if np.isinf(order):
         nearest = jnp.maximum(jax.ops.segment_max(jnp.where(seen, 1 / z, 0), which, bins), 0)
         return start, mu, unit, weights.sum(), nearest
-    # Rows of receivers first, then the rows: one long sum would lose half of single precision's digits.
+    # Sum within rows, then over rows: one long sum would lose half the digits in float32.
     row = np.arange(len(z)) // _TOGETHER
     terms = weights * jnp.where(seen, unit / z, 0) ** order
     sums = jax.ops.segment_sum(terms, which + bins * row, bins * (int(row[-1]) + 1))

@@ -1,4 +1,4 @@
-"""Convex bodies by their depth along Z_w: the nearest receivers at each depth are the lower hull of the vertices."""
+"""Convex bodies by depth along Z_w: the nearest receivers at each depth are the lower hull of the vertices."""
 
 import dataclasses
 
@@ -28,13 +28,13 @@ class BodyProfile:
     frame: LightFrame
 
     def stretches(self, order: float, parts: int) -> Stretches:
-        """See `DepthProfile`; bodies' own map is curved between vertices."""
+        """See `DepthProfile`; the exact map is curved between vertices."""
         if np.isinf(order):
             return hull_stretches(self.bodies, self.frame, parts)
         return sliced_stretches(self.camera, self.frame, self.solid, order, parts)
 
     def widest(self) -> float:
-        """On each stretch quotients of lines, largest at an end."""
+        """On each stretch a quotient of linear functions, so the largest value is at an end."""
         return widest(_in_frame(self.bodies, self.frame))
 
 
@@ -50,11 +50,11 @@ def _in_frame(bodies: list[NDArray], frame: LightFrame) -> list[NDArray]:
 
 
 def hull_stretches(bodies: list[NDArray], frame: LightFrame, parts: int) -> Stretches:
-    """The best map of E_p in L-inf, whose share is the nearest receiver's 1/z."""
+    """The best map of E_p in L-inf: a depth's share is the nearest receiver's 1/z."""
     at, first, last = _nearest(_in_frame(bodies, frame))
     if not len(at):
         return NOTHING
-    if parts > 1:  # even in log z, along which the map is even
+    if parts > 1:  # evenly in log z, in which the map is linear
         t = np.linspace(0, 1, parts + 1)
         there = np.isfinite(first)
         low, high = (np.where(there, v, 1)[:, None] for v in (first, last))
@@ -68,11 +68,11 @@ def hull_stretches(bodies: list[NDArray], frame: LightFrame, parts: int) -> Stre
 
 
 def _lower_hull(d: NDArray, v: NDArray) -> tuple[NDArray, NDArray]:
-    """The lower convex hull of points (d, v), by d: what is least at each d of their convex hull."""
+    """The lower convex hull of points (d, v), by d: the least v of their convex hull at each d."""
     kept: list[tuple[float, float]] = []
     for at, value in sorted(zip(d.tolist(), v.tolist(), strict=True)):
         if kept and at == kept[-1][0]:
-            continue  # above the one before it
+            continue  # above the previous point
         while len(kept) > 1 and _above(kept[-2], kept[-1], (at, value)):
             kept.pop()
         kept.append((at, value))
@@ -88,7 +88,7 @@ def _above(p: tuple[float, float], q: tuple[float, float], r: tuple[float, float
 def _along(bodies: list[NDArray], column: int) -> tuple[NDArray, NDArray]:
     """(stretches' ends (N + 1,), the least of a column at both ends of each for each body (bodies, N, 2)).
 
-    Between vertices the least is linear in depth; inf where a body has nothing.
+    Between vertices the least is linear in depth; inf outside the body.
     """
     at = np.unique(np.concatenate([body[:, 0] for body in bodies])) if bodies else np.zeros(0)
     if len(at) < 2:
@@ -104,7 +104,7 @@ def _along(bodies: list[NDArray], column: int) -> tuple[NDArray, NDArray]:
 def _nearest(bodies: list[NDArray]) -> tuple[NDArray, NDArray, NDArray]:
     """(stretches' ends, the nearest eye depth at the first and at the last end of each; inf where there is none).
 
-    Slabs of a histogram have eye depths of their own each, so that the nearest body is the same along a stretch.
+    Each slab of a histogram has its own range of eye depths, so that the nearest body is the same along a stretch.
     """
     at, least = _along(bodies, 2)
     if not len(at):
@@ -114,19 +114,19 @@ def _nearest(bodies: list[NDArray]) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def _mean_nearness(first: NDArray, last: NDArray) -> NDArray:
-    """The mean of 1/z along stretches on which z is linear; 0 where there is nothing."""
+    """The mean of 1/z along stretches on which z is linear; 0 where there are none."""
     low, high = np.minimum(first, last), np.maximum(first, last)
     there = np.isfinite(low)
     low, high = np.where(there, low, 1), np.where(there, high, 1)
     growth = (high - low) / low
     even = growth < 1e-8
-    # (log of the ratio) / difference, its own limit where the two are equal
+    # (log of the ratio) / difference; its limit where the two are equal
     mean = np.where(even, (1 - growth / 2) / low, np.log1p(growth) / np.where(even, 1, high - low))
     return np.where(there, mean, 0)
 
 
 def widest(bodies: list[NDArray]) -> float:
-    """The largest (x_max - x_min) / z_min at one depth: on each stretch quotients of lines, largest at an end."""
+    """The largest (x_max - x_min) / z_min at one depth; on each stretch it is attained at an end."""
     at, z = _along(bodies, 2)
     if not len(at):
         return 0.0

@@ -1,4 +1,4 @@
-"""What a lower bound asks of receivers."""
+"""The interface that lower bounds use to read receivers."""
 
 import dataclasses
 from typing import Protocol, runtime_checkable
@@ -13,7 +13,7 @@ class Stretches:
 
     Attributes:
         at: (N + 1,) Z_w . c of the stretches' ends, increasing; empty for no receivers, or one depth.
-        shares: (N,) of the map, up to a factor.
+        shares: (N,) each stretch's share of the map, up to a factor.
         value: the least norm of E_p that any monotone map reaches.
     """
 
@@ -27,10 +27,10 @@ NOTHING = Stretches(np.zeros(0), np.zeros(0), 0.0)
 
 @runtime_checkable
 class DepthProfile(Protocol):
-    """Receivers by their depth along Z_w."""
+    """Receivers by depth along Z_w."""
 
     def stretches(self, order: float, parts: int) -> Stretches:
-        """The best map of E_p in L_order; where it is curved, in at least so many straight `parts`."""
+        """The best map of E_p in L_order; curved stretches are split into at least `parts` linear ones."""
         ...
 
     def widest(self) -> float:

@@ -1,9 +1,9 @@
-"""Solid bodies by their depth along Z_w for L_P norms of E_p: their density is integrated slice by slice.
+"""Solid bodies by depth along Z_w for L_P norms of E_p: their density is integrated in slices.
 
-At one depth a convex body is a polygon in the plane of X_w and the light. Its corners run along the body's edges, in
-proportion to depth between those of two vertices, and so does each stretch between two of them along the light have a
-width linear in it: W, the integral of z^-(P + m), is a sum of integrals of smooth functions there, and analytic in
-depth between vertices. All terms are positive. See `warpopt.bound.frustum` for what W is for.
+At one depth, a convex body is a polygon in the plane of X_w and the light. Its corners lie on the body's edges, so they
+are linear in depth between two vertices, and so is the width of each stretch between two corners along the light.
+Hence W, the integral of z^-(P + m), is a sum of integrals of smooth functions there, analytic in depth between
+vertices. All terms are positive. `warpopt.bound.frustum` explains the use of W.
 """
 
 import functools
@@ -24,19 +24,19 @@ from ..footprint import range_of
 from ..polytope import thickened, vertices_of
 from .profile import NOTHING, Stretches
 
-# (slabs up to which, nodes along Z_w for each stretch, Gauss nodes for each part of a slice).
-# Found for P = 1 to 3 and five lights: one body to 1e-12 for f/n up to 1e4, 2e-8 for 1e12; a histogram to 1e-8 where
-# no bin spans a depth ratio above 100, 3e-6 above (tests/test_lower_bound.py).
+# (largest number of slabs, nodes along Z_w for each stretch, Gauss nodes for each part of a slice).
+# Errors measured for P = 1 to 3 and five lights: one body 1e-12 for f/n up to 1e4, 2e-8 for 1e12; a histogram 1e-8
+# where no bin spans a depth ratio above 100, 3e-6 above (tests/test_lower_bound.py).
 _NODES = ((1, 96, 20), (16, 48, 12), (64, 24, 8), (math.inf, 16, 6))
 _REACH = 3.5  # of the double exponential nodes: the first is 3e-23 of a stretch from its end
 
 
 class Solid(eqx.Module):
-    """A convex body in eye coordinates with a density z^-m, which may differ from slab to slab of eye depth.
+    """A convex body in eye coordinates with a density z^-m, with a weight per slab of eye depth.
 
     Attributes:
         planes: (K, 4) half-spaces normal . c + offset >= 0.
-        between: (N - 1,) eye depths between slabs.
+        between: (N - 1,) eye depths of the boundaries between slabs.
         weights: (N,) of the slabs.
         exponent: m.
     """
@@ -48,12 +48,12 @@ class Solid(eqx.Module):
 
     @classmethod
     def uniform(cls, planes: Float[Array, "K 4"], exponent: float) -> "Solid":
-        """Of one slab."""
+        """A solid of one slab."""
         return cls(planes, jnp.zeros(0, planes.dtype), jnp.ones(1, planes.dtype), exponent)
 
 
 def sliced_stretches(camera: Camera, frame: LightFrame, solid: Solid, order: float, parts: int) -> Stretches:
-    """The best map of E_p in L_order, each stretch between two vertices in straight `parts`."""
+    """The best map of E_p in L_order, each stretch between two vertices in `parts` linear pieces."""
     starts, lengths, shares, value = body_shares(camera, frame, solid, order)
     if not value > 0:
         return NOTHING
@@ -67,9 +67,9 @@ def body_shares(
 ) -> tuple[Float[Array, " S"], Float[Array, " S"], Float[Array, "S N"], Float[Array, ""]]:
     """(where stretches of depth begin, their lengths, each node's part of the integral of W^(1/(P+1)), the bound).
 
-    The nodes along a stretch, and the ends of their parts, are those of `depth_cells`. Stretches come in any order,
-    some of no length. The bound is in `lower_bound`'s units, 0 for no receivers or one depth, in either dtype.
-    Derivatives are finite, and right but where the depths of two corners tie, a kink.
+    The nodes along a stretch, and the ends of their parts, are those of `depth_cells`. Stretches are unordered; some
+    have length 0. The bound is in `lower_bound`'s units, 0 for no receivers or a single depth, in either dtype.
+    Derivatives are finite, and correct except where two corners have the same depth (a kink).
     """
     planes, between, weights, exponent = solid.planes, solid.between, solid.weights, solid.exponent
     vertices, valid, _ = vertices_of(planes)
@@ -86,7 +86,7 @@ def body_shares(
     inner = jnp.outer(between, camera.corner_slopes() @ frame.z_axis).ravel() / unit
     depths = jnp.sort(jnp.concatenate([jnp.where(valid, depths, depths.max()), inner]))
     depths = jnp.where(valid.any(), depths, 0)
-    count = 2 * len(planes) - 5 + len(inner)  # the longest are all: the rest is rounding between equals
+    count = 2 * len(planes) - 5 + len(inner)  # the longest are the true ones; the rest is rounding between equal depths
     lengths, where = jax.lax.top_k(jnp.diff(depths), min(count, len(depths) - 1))
     starts = depths[where]
     nodes, parts = next((n, p) for most, n, p in _NODES if len(weights) <= most)
@@ -114,9 +114,9 @@ def body_shares(
 
 
 def _joined(starts: Array, lengths: Array, shares: Array, parts: int) -> tuple[NDArray, NDArray]:
-    """(ends (N + 1,), shares (N,)) of a map in straight pieces: `parts` for each stretch, where it turns and is long.
+    """(ends (N + 1,), shares (N,)) of a piecewise linear map: `parts` pieces for each stretch, denser where it bends.
 
-    Even in the sum of depth and map, each from 0 to 1.
+    Evenly spaced in the sum of depth and map, each normalised to [0, 1].
     """
     order = np.argsort(starts, kind="stable")
     order = order[np.asarray(lengths)[order] > 0]
@@ -135,7 +135,7 @@ def _joined(starts: Array, lengths: Array, shares: Array, parts: int) -> tuple[N
 
 @functools.lru_cache(maxsize=8)
 def depth_cells(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(nodes in [0, 1], weights, the ends of each node's cell): double exponential, for roots at both ends."""
+    """(nodes in [0, 1], weights, the ends of each node's cell): double exponential, for square-root ends."""
     edges = np.linspace(-_REACH, _REACH, count + 1)
     x = (edges[1:] + edges[:-1]) / 2
     share = 1 / (1 + np.exp(-np.pi * np.sinh(x)))
@@ -158,7 +158,7 @@ def _slice(
         jnp.where(crossing, h, jnp.inf).min(), jnp.where(crossing, h, -jnp.inf).max()
     ))  # fmt: skip
     (x_lean, h_lean, d_lean), (between, weights) = jnp.stack([frame.x_axis, frame.light, frame.z_axis])[:, 2], slabs
-    # under a light overhead a slice is at one eye depth, and so in one bin
+    # under a light overhead, a slice has one eye depth and lies in one bin
     leans = jnp.abs(h_lean) > jnp.finfo(h.dtype).tiny
     cuts = jnp.where(leans, (between - depth * d_lean) / jnp.where(leans, h_lean, 1), least)
     corners = jnp.sort(jnp.concatenate([jnp.where(crossing, h, largest), jnp.clip(cuts, least, largest)]))
@@ -169,7 +169,7 @@ def _slice(
         jnp.where(there, depth * d_lean + (first + part * lengths) * h_lean, 1) for part in (0, 0.5, 1)
     )
     t, weight = unit_nodes(count, corners.dtype)
-    # even in log z, so that a part that reaches from the eye to the horizon is as smooth as any
+    # even in log z, so that a part from the eye to the horizon is smooth too
     share, speed = _graded(jnp.log(high / low), t)
     h = first + lengths * share
     slope = planes[:, 0]
@@ -179,7 +179,7 @@ def _slice(
     right = jnp.where(upright & (slope < 0), x, jnp.inf).min(-1)
     inside = there & (right > left)
     left, right = jnp.where(inside, left, 0), jnp.where(inside, right, 0)
-    # where light and view are parallel, X_w leans out of the screen by up to sqrt(eps): its middle stands for all
+    # where light and view are parallel, X_w leans out of the screen by up to sqrt(eps): its middle is used for all
     z = jnp.where(inside, depth * d_lean + h * h_lean + (left + right) / 2 * x_lean, 1)
     area = weights[jnp.searchsorted(between, middle)] * (right - left) * lengths * speed * weight
     return [(area * z**-power).sum() for power in powers]

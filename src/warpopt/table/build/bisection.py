@@ -7,11 +7,11 @@ from jax.typing import ArrayLike
 
 
 def bisected(holds: Callable, good: ArrayLike, bad: ArrayLike, steps: int = 45) -> tuple[np.ndarray, np.ndarray]:
-    """(good, bad) ends of brackets, halved so often (by default a thousandth of a radian to the last bit).
+    """(good, bad) ends of the brackets after `steps` halvings (45 take a thousandth of a radian to the last bit).
 
     Args:
-        holds: of an array like the ends, whether each entry is on the good side.
-        good, bad: of which it holds, and of which it does not; either may be the larger.
+        holds: maps an array like the ends to whether each entry is on the good side.
+        good, bad: ends at which `holds` is true and false; either may be the larger.
     """
     good, bad = np.asarray(good), np.asarray(bad)
     for _ in range(steps):

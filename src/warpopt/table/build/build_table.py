@@ -1,4 +1,4 @@
-"""Tables built to a promise: few knots whose regret stays below it everywhere."""
+"""Builds tables that keep a promise: few knots, with a regret below the promise everywhere."""
 
 import importlib.metadata
 import math
@@ -13,25 +13,25 @@ from ...theory.view_frustum import ViewFrustum
 from .greedy import Grid
 from .joint import Fit, fewest_rows
 from ..lambda_table import LambdaTable
-from .landmarks import landmarks, with_axes
+from .breakpoints import breakpoints, with_axes
 from ..lookup import Rows
 from .polyline import fewest_knots
 from .samples import Samples, evenly
 from .slope import least_of_all, least_regret
-from .tube import tube
+from .tolerance_band import tolerance_band
 from .verify import Ranges, verify
 
-_DIRECTIONS = 400  # at which a knot of a single row may stand, before refinement
-_SHARE = 0.97  # of the promise that the tube keeps at the samples; the rest is for what lies between
+_DIRECTIONS = 400  # candidate directions for the knots of a single row, before refinement
+_SHARE = 0.97  # of the promise, kept at the samples; the rest is for the directions between them
 _ROUNDS = 12
-_ALLOWED = 1.25  # times the least regret that any function with the slope has, for a table of several rows
-_JUDGED = 9  # candidates whose least regret under a bound on the slope is found
-_TRIES = 3  # of so many numbers of knots none may find rows
-_DEEP = 0.25  # in the tube: of rows whose neighbours are to have room
-_RATIO_STEP = 0.067  # of the candidates for rows, in log(far/near)
+_ALLOWED = 1.25  # times the least regret of any function with the slope bound, for a table of several rows
+_JUDGED = 9  # candidates whose least regret under the slope bound is computed
+_TRIES = 3  # numbers of knots that may fail to give rows
+_DEEP = 0.25  # depth in the tolerance band of rows, so that the lookup between them has slack
+_RATIO_STEP = 0.067  # step of the candidate rows, in log(far/near)
 _FOV_STEP = math.radians(0.5)
 _MOST_KNOTS = 32
-_NO_WARP = 2.0  # height of a knot in the open, where no warp keeps the promise
+_NO_WARP = 2.0  # height of a knot where eta = 1 keeps the promise and there is no upper bound
 
 
 def build_table(
@@ -46,28 +46,28 @@ def build_table(
 ) -> LambdaTable:
     """A small table of eta that keeps value/minimum - 1 <= max_regret for every direction (far/near, field of view).
 
-    A tube around the optimum says how far eta may be from it. One far/near and field of view: through the tube at a
-    grid of directions goes the polyline with the fewest knots. Ranges of them: each row of the table is a polyline
-    whose knots keep to the kinks of the optimum (`landmarks`), wherever these move from row to row; rows are placed,
-    and their heights chosen by linear programs, for what lies between the rows. The result is verified on dense,
-    independent inputs and by a search around the worst of them; where it fails the tube is narrowed.
+    The tolerance band around the optimum bounds eta. For one far/near and field of view, the table is the polyline with
+    the fewest knots through the tolerance band at a grid of directions. For ranges, each row of the table is a polyline
+    whose knots follow the breakpoints of the optimum, which move from row to row. The rows' places and, by linear
+    programs, their heights are chosen so that the lookup between rows stays in the tolerance band too. The result is
+    verified on dense, independent inputs and by a search around the worst of them; on failure the band is narrowed.
 
     Args:
-        frustum: one frustum; only its shape (far/near, half_fov) matters, and that only for what has no range.
+        frustum: one frustum; of far/near and half_fov, only those without a range matter.
         objective: of metric "p", "q" or "pxq"; E_p in L-inf if None.
         max_regret: > 0.
         theta_range: first and last direction, radians, within [0, pi/2].
         depth_ratio_range: smallest and largest far/near, > 1, for a table over it.
         half_fov_range: smallest and largest half field of view, radians, within (0, pi/2), likewise.
-        max_slope: bound on |d log(eta) / d theta|, per radian, so that a moving light does not make shadows swim. The
-            table's largest regret is then max_regret or, where that is more, within 10 % of the least that the bound
-            allows (25 % with a range); `promised` says what it keeps. With one range at most.
+        max_slope: bound on |d log(eta) / d theta|, per radian, which keeps shadows stable under a moving light. The
+            table's largest regret is then max_regret or, if more, within 10 % of the least that the bound allows
+            (25 % with a range); `promised` is the regret that it keeps. Allowed with at most one range.
 
     Raises:
         ValueError: bad arguments.
-        RuntimeError: a promise that rounding does not allow (max_regret below about 1e-6, single precision's), or that
-            takes more than 32 knots a row or 64 rows (E_q in L-inf over far/near: its optimum jumps at a direction that
-            moves).
+        RuntimeError: a promise that rounding does not allow (max_regret below about 1e-6, the limit of float32), or
+            that needs more than 32 knots a row or 64 rows (E_q in L-inf over far/near: the direction at which its
+            optimum jumps moves).
 
     Example:
         >>> import warpopt
@@ -97,7 +97,7 @@ def build_table(
     rows, promise = next(attempts)
     worst, at = math.inf, (math.nan,) * 3
     for _ in range(_ROUNDS):
-        # What engines keep: single precision. The promise is kept by these numbers.
+        # The stored float32 numbers, as engines use them, must keep the promise.
         ratios, fovs = (axis if len(axis) == 1 else _single(axis) for axis in (rows.depth_ratio, rows.half_fov))
         rows = Rows(ratios, fovs, _single(rows.theta), _single(rows.eta))
         worst, at, broken = verify(ranges, objective, rows, promise)
@@ -131,29 +131,29 @@ def _ranges(frustum: ViewFrustum, theta_range, depth_ratio_range, half_fov_range
     return Ranges((first, last), ratios, fovs)
 
 
-# Each yields (rows, what they are to keep), and is sent the points (P, 3) at which they did not.
+# Each yields (rows, promised regret), and is sent the points (P, 3) that broke the promise.
 _Attempts = Generator[tuple[Rows, float], np.ndarray, None]
 
 
 def _single_row(ranges: Ranges, objective: Objective, promise: float) -> _Attempts:
-    """The fewest knots through the tube at a grid of directions, which what is found broken joins."""
+    """The fewest knots through the tolerance band at a grid of directions; points that break the promise are added."""
     first, last = ranges.theta
-    kinks = landmarks(with_axes(ranges.frusta(), 1), objective, first, last)[0]
-    # Closer and closer to where eta bends or jumps; what stands side by side single precision must tell apart.
+    kinks = breakpoints(with_axes(ranges.frusta(), 1), objective, first, last)[0]
+    # Denser towards breakpoints; neighbours must differ in single precision.
     away = np.geomspace(1e-6, 0.03, 16)
     beside = np.clip(kinks * (1 + np.concatenate([-away, [0], away])[:, None]), first, last)
     grid = np.unique(np.concatenate([np.linspace(first, last, _DIRECTIONS), beside.ravel()]))
     share = _SHARE
     while True:
-        around = tube(ranges.frusta(), grid, objective, share * promise)
+        around = tolerance_band(ranges.frusta(), grid, objective, share * promise)
         places, heights = fewest_knots(grid, around.lower, np.where(around.bounded, around.upper, _NO_WARP))
         broken = yield ranges.rows(grid[places], heights), promise
         grid = np.unique(np.concatenate([grid, broken[:, 0]]))
-        share *= 0.98  # more room for what single precision loses where a piece is steep
+        share *= 0.98  # more slack for float32 rounding on steep pieces
 
 
 def _one_axis(ranges: Ranges, objective: Objective, promise: float, max_slope: float) -> _Attempts:
-    """The fewest rows with few knots each, then with more, for as long as that makes the table smaller."""
+    """The fewest rows with few knots each, then with more knots while that makes the table smaller."""
     by_ratio = ranges.depth_ratio[0] < ranges.depth_ratio[1]
     axis, place = ("depth_ratio", _ratios(ranges)) if by_ratio else ("half_fov", _fovs(ranges))
     frusta = ranges.frusta(**{axis: place})
@@ -180,7 +180,7 @@ def _one_axis(ranges: Ranges, objective: Objective, promise: float, max_slope: f
 
 
 def _two_axes(ranges: Ranges, objective: Objective, promise: float) -> _Attempts:
-    """Rows each as far from the last as the tube allows."""
+    """Each row as far from the last as the tolerance band allows."""
     ratios, fovs = _ratios(ranges), _fovs(ranges)
     frusta = ranges.frusta(*(v.ravel() for v in np.meshgrid(ratios, fovs, indexing="ij")))
     share = _SHARE
@@ -208,7 +208,7 @@ def _fovs(ranges: Ranges) -> np.ndarray:
 
 
 def _bounded(ranges: Ranges, objective: Objective, max_slope: float, wanted: float) -> _Attempts:
-    """The row of the least regret under a bound on its slope, which is what it then keeps, up to what lies between."""
+    """The row of least regret under the slope bound; yields its regret plus slack for unsampled directions."""
     rows, least = least_regret(ranges, objective, max_slope, wanted)
     slack = 1e-3
     while True:

@@ -4,9 +4,9 @@ import numpy as np
 
 from ..lookup import Rows, lookup
 from .samples import Samples, evenly
-from .tube import Tube
+from .tolerance_band import ToleranceBand
 
-_FOR_ONE_AXIS = 0.4  # depth in the tube that rows of the field of view leave to those of far/near
+_FOR_ONE_AXIS = 0.4  # depth in the tolerance band that the rows in field of view leave to the rows in far/near
 
 
 class Grid:
@@ -21,7 +21,7 @@ class Grid:
     def __init__(self, samples: Samples, depth_ratio, half_fov, knots, heights):
         self.axes = depth_ratio, half_fov
         shape = len(depth_ratio), len(half_fov)
-        self.tube = Tube(*(v.reshape(*shape, -1) for v in samples.tube))
+        self.band = ToleranceBand(*(v.reshape(*shape, -1) for v in samples.band))
         self.theta, self.knots, self.heights = (v.reshape(*shape, -1) for v in (samples.theta, knots, heights))
 
     def rows(self, ratios: np.ndarray, fovs: np.ndarray) -> Rows:
@@ -30,13 +30,13 @@ class Grid:
         return Rows(self.axes[0][ratios], self.axes[1][fovs], self.knots[at], self.heights[at])
 
     def keeps(self, rows: Rows, ratios: slice, fovs: slice, depth: float) -> bool:
-        """Whether a table is so deep in the tube at all candidates of a range."""
+        """Whether a table reaches a depth in the tolerance band at all candidates of a range."""
         at = ratios, fovs
         found = lookup(self.theta[at], self.axes[0][ratios, None, None], self.axes[1][None, fovs, None], rows, np)
-        return bool((Tube(*(v[at] for v in self.tube)).depth(found) >= depth).all())
+        return bool((ToleranceBand(*(v[at] for v in self.band)).depth(found) >= depth).all())
 
     def chosen(self) -> tuple[np.ndarray, np.ndarray]:
-        """Which far/near and which fields of view are rows: first the latter, at a few of the former."""
+        """Indices of the rows in far/near and in field of view; the latter are chosen first, at a few of the former."""
         few = evenly(len(self.axes[0]), 7)
 
         def between_fovs(k: int, m: int) -> bool:
@@ -53,7 +53,7 @@ class Grid:
 
 
 def _farthest(count: int, keeps) -> np.ndarray:
-    """Steps from 0 to count - 1, each the farthest before the first that does not keep."""
+    """Steps from 0 to count - 1, each the farthest before the first that fails."""
     rows = [0]
     while rows[-1] < count - 1:
         ahead = rows[-1] + 1

@@ -1,22 +1,23 @@
-"""The best heights of a polyline whose knots are given: a linear program."""
+"""The best heights of a polyline with given knots: a linear program."""
 
 import numpy as np
 import scipy.optimize
 import scipy.sparse
 
 from ..lookup import on_piece
-from .tube import Tube
+from .tolerance_band import ToleranceBand
 
-_HIGHEST = 4.0  # of a knot above eta = 1, where a look-up ends: room enough for a piece to cross it anywhere
+_HIGHEST = 4.0  # of a knot; a lookup clamps at eta = 1, so pieces may cross 1 anywhere
 
 
-def best_heights(knots: np.ndarray, theta: np.ndarray, around: Tube, max_slope: float) -> tuple[np.ndarray, float]:
-    """Heights that keep the polyline as deep inside the tube as can be: the depth (`Tube.depth`) at its shallowest.
+def best_heights(knots: np.ndarray, theta: np.ndarray, around: ToleranceBand, max_slope: float) -> tuple[np.ndarray, float]:
+    """Heights of the polyline that maximise its least depth in the tolerance band (`ToleranceBand.depth`).
 
     Args:
         knots: (N,), not decreasing.
-        theta, around: (S,), and the tube there.
-        max_slope: bound on |d log(height) / d theta| of every piece, or inf; linear, as a piece is steepest below.
+        theta, around: (S,) directions, and the tolerance band there.
+        max_slope: bound on |d log(height) / d theta| of every piece, or inf; linear in the heights, as
+            a piece is steepest at its lower end.
 
     Returns:
         heights (N,) > 0, and the depth.
@@ -52,18 +53,18 @@ def slope_limits(knots: np.ndarray, max_slope: float) -> scipy.sparse.csr_matrix
 
 
 def inside(
-    slope: scipy.sparse.csr_matrix, value: np.ndarray, around: Tube, group: np.ndarray, groups: int
+    slope: scipy.sparse.csr_matrix, value: np.ndarray, around: ToleranceBand, group: np.ndarray, groups: int
 ) -> tuple[scipy.sparse.csr_matrix, np.ndarray]:
-    """(A, b) of A (change, depths) <= b: value + slope change is so deep in the tube.
+    """(A, b) of A (change, depths) <= b: value + slope change reaches the depths in the tolerance band.
 
     Args:
         slope: (S, N).
-        value, around: (S,), and the tube.
-        group: (S,) which of the depths each entry is to have.
+        value, around: (S,) values, and the tolerance band.
+        group: (S,) index of each entry's depth.
     """
-    below, above = around.room
+    below, above = around.widths
     bounded = around.bounded
-    below, above = 1 / below, 1 / above[bounded]  # so that a program's tolerance is one of depth
+    below, above = 1 / below, 1 / above[bounded]  # the program's tolerance is then a depth
     depth = scipy.sparse.csr_matrix((np.ones(len(value)), (np.arange(len(value)), group)), (len(value), groups))
     lower = scipy.sparse.hstack([slope.multiply(-below[:, None]), depth])
     upper = scipy.sparse.hstack([slope[bounded].multiply(above[:, None]), depth[bounded]])

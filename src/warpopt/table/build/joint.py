@@ -1,4 +1,4 @@
-"""The fewest rows of a table over one axis: their places, and their heights for all that lies between."""
+"""The fewest rows of a table over one axis: their places, and heights that also serve the lookup between rows."""
 
 import math
 
@@ -9,27 +9,27 @@ import scipy.sparse
 from .heights import inside, slope_limits
 from ..lookup import Rows, between_fovs, between_ratios, lookup, on_piece
 from .samples import Samples, evenly
-from .tube import Tube
+from .tolerance_band import ToleranceBand
 
 _STEP = 0.5  # largest relative change of a height in a linear program
 _PROGRAMS = 12
-_ENOUGH = 0.9  # deep in the tube: no interval gains by more
-_FIRST = 20  # of so many samples one is in the first program
+_ENOUGH = 0.9  # depth in the tolerance band above which an interval gains nothing
+_FIRST = 20  # one of this many samples is in the first program
 _SHORT = 0.02  # of the depth
 _MOST_ROWS = 64
-_MORE, _FEWER = 12, 4  # moves of rows that may fail: at first, and with fewer than are known to keep to the tube
+_MORE, _FEWER = 12, 4  # row moves that may fail: at first, and with fewer rows than a known solution has
 
 
 def fewest_rows(fit: "Fit", knots: np.ndarray, heights: np.ndarray, larger: Rows | None = None) -> Rows | None:
-    """A table with as few rows as keep to the tube, at most 64, and smaller than a given one; None where none is found.
+    """A table with the fewest rows found, at most 64 and smaller than `larger`; None if none is found.
 
-    What an interval between rows lacks (1 - depth) goes with the square of its length, so that its root is a density
-    of rows: by it rows are moved until all intervals are alike, and their number is foretold.
+    The deficit of an interval between rows (1 - depth) grows with the square of its length, so the number of rows can
+    be predicted: the deficit's square root is a row density, by which rows are moved until all deficits are equal.
 
     Args:
-        fit: of heights, at some of G candidate rows.
-        knots, heights: (G, N) of the candidates; rows have their knots, and begin with their heights.
-        larger: a table that keeps to the tube, whose places to begin with.
+        fit: fits the heights of rows placed at some of G candidates.
+        knots, heights: (G, N) of the candidates; rows take their knots, and start from their heights.
+        larger: a table that stays in the tolerance band; its places are the start.
     """
     place, kept, slack = fit.place, None, 0.1
     if larger is None:
@@ -42,8 +42,8 @@ def fewest_rows(fit: "Fit", knots: np.ndarray, heights: np.ndarray, larger: Rows
         which = _moved(np.log(place), which, np.ones(len(which) - 1), most)
     while left:
         rows, depths = fit(place[which], knots[which], heights[which])
-        lack = np.sqrt(1 - depths)
-        needed = 1 + math.ceil(lack.sum() / math.sqrt(1 - slack))
+        deficit = np.sqrt(1 - depths)
+        needed = 1 + math.ceil(deficit.sum() / math.sqrt(1 - slack))
         if depths.min() >= 0:
             kept, left = rows, _FEWER
             count = min(len(which) - 1, needed)
@@ -53,40 +53,40 @@ def fewest_rows(fit: "Fit", knots: np.ndarray, heights: np.ndarray, larger: Rows
             slack += 0.01
         if not 2 <= count <= _MOST_ROWS:
             break
-        moved = _moved(np.log(place), which, lack, count)
+        moved = _moved(np.log(place), which, deficit, count)
         if np.array_equal(moved, which):
             break
         which = moved
     return kept
 
 
-def _moved(place: np.ndarray, which: np.ndarray, lack: np.ndarray, count: int) -> np.ndarray:
-    """So many rows, among which each interval would lack alike."""
-    reached = np.concatenate([[0.0], np.cumsum(lack)])
+def _moved(place: np.ndarray, which: np.ndarray, deficit: np.ndarray, count: int) -> np.ndarray:
+    """`count` rows, placed for equal predicted deficits of the intervals."""
+    reached = np.concatenate([[0.0], np.cumsum(deficit)])
     at = np.interp(np.linspace(0, reached[-1], count), reached, place[which])
     return np.unique(np.abs(place[:, None] - at).argmin(0))
 
 
 class Fit:
-    """Heights of rows at given places, such that each interval between rows is deep in the tube.
+    """Heights of rows at given places that keep each interval between rows deep in the tolerance band.
 
-    A look-up between rows is not quite linear in the heights: a few linear programs, each about the last one's heights.
-    The sum over intervals of the depth (`Tube.depth`, up to 0.9) of its shallowest sample is largest.
+    A lookup between rows is slightly nonlinear in the heights: a few linear programs, each linearised at the last
+    one's heights, maximise the sum over intervals of the least depth (`ToleranceBand.depth`, capped at 0.9).
 
     Args:
         samples: of candidate rows.
-        axis: "depth_ratio" or "half_fov": what varies from row to row.
-        place: (G,) the candidates' values of it, increasing.
-        other: the one value of the other.
+        axis: "depth_ratio" or "half_fov", which varies from row to row.
+        place: (G,) the candidates' values on this axis, increasing.
+        other: the fixed value on the other axis.
     """
 
     def __init__(self, samples: Samples, axis: str, place: np.ndarray, other: float):
-        self.theta, self.tube = samples.theta, Tube(*(v.ravel() for v in samples.tube))
+        self.theta, self.band = samples.theta, ToleranceBand(*(v.ravel() for v in samples.band))
         self.axis, self.place, self.other, self.by_ratio = axis, place, np.array([other]), axis == "depth_ratio"
         self.max_slope = samples.max_slope
 
     def __call__(self, along: np.ndarray, knots: np.ndarray, heights: np.ndarray) -> tuple[Rows, np.ndarray]:
-        """(the rows, the depths (R - 1,)) at places (R,) with knots (R, N), from heights (R, N) to begin with."""
+        """(the rows, the depths (R - 1,)) at places (R,) with knots (R, N), starting from heights (R, N)."""
         intervals, size = len(along) - 1, heights.size
         row, t = (between_ratios if self.by_ratio else between_fovs)(self.place, along, np)
         interval = np.repeat(row, self.theta.shape[1])
@@ -99,14 +99,14 @@ class Fit:
         rows = self._rows(along, knots, heights)
         depths = least(self._deep(rows))
         slope, value = self._linearised(row, t, knots, heights)
-        # Few samples matter: those at which a program fell short of what it promised join the next.
+    # Few samples matter: those that fall short of the program's prediction join the next program.
         active = np.arange(len(value)) % _FIRST == 0
         cost = np.concatenate([np.zeros(size), -np.ones(intervals)])
         bounds = [(-_STEP, _STEP)] * size + [(None, _ENOUGH)] * intervals
-        # Between rows log(eta) and the knots' distances are blended alike: it is nowhere steeper than on the rows.
+        # Between rows, log(eta) and the knots' distances are blended equally, so no slope exceeds those of the rows.
         steepness = scipy.sparse.block_diag([slope_limits(row, self.max_slope) for row in knots], "csr")
         for _ in range(_PROGRAMS):
-            few = Tube(*(v[active] for v in self.tube))
+            few = ToleranceBand(*(v[active] for v in self.band))
             program, limits = inside(slope[active], value[active], few, interval[active], intervals)
             steeper = scipy.sparse.hstack([steepness.multiply(heights.ravel()), 0 * steepness[:, :intervals]])
             program = scipy.sparse.vstack([program, steeper])
@@ -133,10 +133,10 @@ class Fit:
 
     def _deep(self, rows: Rows) -> np.ndarray:
         place = self.place[:, None]
-        return self.tube.depth(lookup(self.theta, place, place, rows, np).ravel())
+        return self.band.depth(lookup(self.theta, place, place, rows, np).ravel())
 
     def _linearised(self, row, t, knots, heights) -> tuple[scipy.sparse.csr_matrix, np.ndarray]:
-        """(slope by relative changes of the heights, value) of a look-up at the samples."""
+        """(derivative by relative changes of the heights, value) of a lookup at the samples."""
         positions = knots[row] + t[:, None] * (knots[row + 1] - knots[row])
         piece, share = on_piece(self.theta, positions[:, None], np)
         row, t = (v[:, None] for v in (row, t))

@@ -1,29 +1,29 @@
-"""The fewest straight pieces through a tube."""
+"""The polyline with the fewest pieces through a tolerance band."""
 
 import numpy as np
 
-_LEVELS = 17  # heights in the tube at which a knot may stand
+_LEVELS = 17  # heights in the tolerance band at which a knot may stand
 
 
 def fewest_knots(x: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Knots (indices into x, heights) of a polyline that stays in [lower, upper] at every x, with as few as possible.
 
-    Knots stand at the given x, on one of 17 heights in the tube there. From one knot, the next can be wherever the
-    slopes that pass through every tube between allow: running bounds, so that breadth-first search from the first x
-    visits each pair once, and its first path to the last x has the fewest knots. Of those the one that keeps to the
-    middle is taken.
+    Knots stand at the given x, on one of 17 heights in the tolerance band there. Running bounds on the slopes that
+    pass through every band so far say which knots can follow a knot. Breadth-first search from the first x visits each
+    pair once, and its first path to the last x has the fewest knots. Among equals, the path nearest to the middle of
+    the band is taken.
 
     Args:
         x: (N,), increasing.
         lower, upper: (N,), lower <= upper, finite.
 
     Raises:
-        ValueError: for N < 2, x that do not increase, or a tube that is empty somewhere.
+        ValueError: N < 2, x that does not increase, or a tolerance band that is empty somewhere.
     """
     if len(x) < 2 or not (np.diff(x) > 0).all():
         raise ValueError("x: got values that do not increase, expected at least two that do")
     if not (lower <= upper).all() or not np.isfinite([lower, upper]).all():
-        raise ValueError("lower, upper: got a tube that is empty or not finite somewhere, expected lower <= upper")
+        raise ValueError("lower, upper: got a tolerance band that is empty or not finite somewhere, expected lower <= upper")
     share = np.linspace(0, 1, _LEVELS)
     heights = lower[:, None] + share * (upper - lower)[:, None]
     off_middle = np.abs(share - 0.5)

@@ -1,4 +1,4 @@
-"""The tube of many view frusta at matching directions: what a table's knots are chosen from."""
+"""Sampled tolerance bands of many view frusta, from which a table's knots are chosen."""
 
 import copy
 import math
@@ -11,21 +11,21 @@ from ...theory.view_frustum import ViewFrustum
 from ...views import FrustumView
 from .bisection import bisected
 from .heights import best_heights
-from .landmarks import landmarks, with_axes
+from .breakpoints import breakpoints, with_axes
 from ...objective import Objective
-from .tube import Tube, regret, tube
+from .tolerance_band import ToleranceBand, regret, tolerance_band
 
-# Fractions of the way between landmarks: even, and closer and closer to either.
+# Fractions of the way between breakpoints: even, and denser towards both ends.
 _NEAR = np.geomspace(1e-5, 0.25, 12)
 _FRACTIONS = np.unique(np.concatenate([np.linspace(0, 1, 49), _NEAR, 1 - _NEAR]))
 
 
 class Samples:
-    """Of each of G frusta: the landmarks, directions between them, and the tube there.
+    """For each of G frusta: the breakpoints, directions between them, and the tolerance band there.
 
     Attributes:
-        landmarks: (G, K).
-        theta, tube: (G, S): directions, and the tube there.
+        breakpoints: (G, K).
+        theta, band: (G, S): directions, and the tolerance band there.
         max_slope: bound on |d log(eta) / d theta|, or inf.
     """
 
@@ -38,59 +38,59 @@ class Samples:
         max_slope: float = math.inf,
     ):
         self.max_slope = max_slope
-        found = landmarks(frusta, objective, *theta_range)
+        found = breakpoints(frusta, objective, *theta_range)
         found = _with_jumps(frusta, objective, found, max_regret)
         spans = np.diff(found, axis=1)
         theta = found[:, :-1, None] + spans[..., None] * _FRACTIONS
-        self._tube_at = lambda theta: tube(with_axes(frusta, theta.ndim - 1), theta, objective, max_regret)
-        around = self._tube_at(theta)
-        self.landmarks = found
-        # The share of a span's knots on the way: knots at even steps of it err alike, sqrt(|eta''| / width of the tube)
-        # being their density; a tenth of them go evenly.
-        below, above = around.room
+        self._band_at = lambda theta: tolerance_band(with_axes(frusta, theta.ndim - 1), theta, objective, max_regret)
+        around = self._band_at(theta)
+        self.breakpoints = found
+        # The cumulative share of a span's knots. Knots at even steps of it have equal error: their density is
+        # sqrt(|eta''| / width of the tolerance band). A tenth of the knots is spread evenly.
+        below, above = around.widths
         mass = _density_mass(theta, around.eta, np.where(around.bounded, (below + above) / 2, below))
         total = mass.sum(-1, keepdims=True)
         share = np.cumsum(mass, -1) / np.where(total > 0, total, 1)
         share = np.concatenate([np.zeros_like(total), np.where(total > 0, share, _FRACTIONS[1:])], -1)
         self._share = 0.9 * share + 0.1 * _FRACTIONS
-        # A piece of length h leaves |eta''| h^2 / 16 of it to either side.
+        # A piece of length h deviates by at most |eta''| h^2 / 16 on either side.
         self.pieces = np.maximum(1, np.ceil(total[..., 0].max(0) / 4).astype(int))
         self.theta, *bounds = (v.reshape(len(found), -1) for v in (theta, *around))
-        self.tube = Tube(*bounds)
+        self.band = ToleranceBand(*bounds)
 
     def knots(self, pieces: np.ndarray) -> np.ndarray:
-        """(G, N) knots: the landmarks, and so many pieces between each two."""
+        """(G, N) knots: the breakpoints, and `pieces` pieces between neighbours."""
         columns = []
         for j, count in enumerate(pieces):
             even = np.arange(count) / count
             at = np.stack([np.interp(even, share, _FRACTIONS) for share in self._share[:, j]])
-            columns.append(self.landmarks[:, j, None] + at * np.diff(self.landmarks)[:, j, None])
-        return np.concatenate([*columns, self.landmarks[:, -1:]], 1)
+            columns.append(self.breakpoints[:, j, None] + at * np.diff(self.breakpoints)[:, j, None])
+        return np.concatenate([*columns, self.breakpoints[:, -1:]], 1)
 
     def at_knots(self, knots: np.ndarray) -> "Samples":
-        """The same with the knots (G, N) and the middles between them as further directions.
+        """The same samples plus the knots (G, N) and their midpoints as directions.
 
-        Without them a knot between two samples would be free to stand anywhere.
+        Otherwise a knot between two samples would be unconstrained.
         """
         more = np.concatenate([knots, (knots[:, 1:] + knots[:, :-1]) / 2], 1)
         both = copy.copy(self)
         both.theta = np.concatenate([self.theta, more], 1)
-        both.tube = Tube(*(np.concatenate(pair, 1) for pair in zip(self.tube, self._tube_at(more), strict=True)))
+        both.band = ToleranceBand(*(np.concatenate(pair, 1) for pair in zip(self.band, self._band_at(more), strict=True)))
         return both
 
     def heights(self, knots: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(best heights (G, N), how deep inside the tube (G,)) of some of the frusta's knots; see `best_heights`."""
-        tubes = {g: Tube(*(v[g] for v in self.tube)) for g in which}
-        fits = [best_heights(knots[g], self.theta[g], tubes[g], self.max_slope) for g in which]
+        """(best heights (G, N), least depth in the tolerance band (G,)) of some frusta's knots; see `best_heights`."""
+        bands = {g: ToleranceBand(*(v[g] for v in self.band)) for g in which}
+        fits = [best_heights(knots[g], self.theta[g], bands[g], self.max_slope) for g in which]
         return np.stack([heights for heights, _ in fits]), np.array([depth for _, depth in fits])
 
     def finer(self, wanted: float, most: int) -> Iterator[np.ndarray]:
-        """Knots (G, N) with which every frustum's polyline is `wanted` deep in its tube: few first, then one more each.
+        """Knots (G, N) with which every polyline has the depth `wanted` in its tolerance band; each step adds one knot.
 
-        From what the density asks for, one piece more at a time, where it helps the worst frustum most.
+        Starts from the number that the density predicts; a piece is added where it helps the worst frustum most.
 
         Raises:
-            RuntimeError: when there are no more than `most` left.
+            RuntimeError: more than `most` knots would be needed.
         """
         pieces = self.pieces.copy()
         some = evenly(len(self.theta), 24)
@@ -109,7 +109,7 @@ class Samples:
 
 
 def evenly(count: int, number: int) -> np.ndarray:
-    """So many of 0 to count - 1, or all, both ends among them."""
+    """`number` indices of 0 to count - 1, or all, with both ends."""
     return np.unique(np.linspace(0, count - 1, number).round().astype(int))
 
 
@@ -123,7 +123,7 @@ def _density_mass(theta: np.ndarray, eta: np.ndarray, width: np.ndarray) -> np.n
 
 
 def _with_jumps(frusta: ViewFrustum, objective: Objective, found: np.ndarray, max_regret: float) -> np.ndarray:
-    """Landmarks with one more before each at which eta jumps: where its value beyond begins to keep the promise."""
+    """Breakpoints, plus one before each jump of eta: where the value after the jump begins to keep the promise."""
 
     def eta(theta: np.ndarray) -> np.ndarray:
         return np.asarray(optimal_warp(FrustumView(frusta, theta), objective, throw=False).warp.eta)

@@ -1,4 +1,4 @@
-"""Whether a table keeps its promise: on inputs that its builder never saw."""
+"""Verifies a table's promise on inputs that the builder did not use."""
 
 from typing import NamedTuple
 
@@ -7,14 +7,14 @@ import numpy as np
 from ...theory.view_frustum import ViewFrustum
 from ..lookup import Rows, lookup
 from ...objective import Objective
-from .tube import regret
+from .tolerance_band import regret
 
-_POINTS = 20_000  # directions of a single row; eight times as many points of a table of several
+_POINTS = 20_000  # directions for a single row; eight times as many points for several rows
 _STARTS, _LOCAL, _ROUNDS = 16, 64, 14  # of the search around the worst
 
 
 class Ranges(NamedTuple):
-    """What a table covers: smallest and largest of each; equal for an axis that the table does not have."""
+    """What a table covers: smallest and largest value of each axis; equal for an axis that the table does not have."""
 
     theta: tuple[float, float]
     depth_ratio: tuple[float, float]
@@ -40,16 +40,16 @@ def verify(
 ) -> tuple[float, tuple[float, float, float], np.ndarray]:
     """(largest regret, its (theta, far/near, half_fov), the worst directions that break the promise).
 
-    Of look-ups in both precisions, over irregular points that meet no grid, every row's knots and their neighbours;
-    then around the largest found, finer and finer.
+    Evaluates lookups in both precisions at irregular points, which share no grid with the builder, at every row's
+    knots and near them; then around the largest regret, on finer and finer scales.
     """
     low = np.array([ranges.theta[0], np.log(ranges.depth_ratio[0]), ranges.half_fov[0]])
     high = np.array([ranges.theta[1], np.log(ranges.depth_ratio[1]), ranges.half_fov[1]])
-    # What single precision's axes cover; a look-up beyond is clamped.
+    # The axes in float32; a lookup beyond them is clamped.
     low[0], high[0] = max(low[0], rows.theta.flat[0]), min(high[0], rows.theta[0, 0, -1])
 
     def of(points: np.ndarray) -> np.ndarray:
-        # What engines do, in single precision, and what Python does.
+        # Engines compute in float32, Python in float64.
         rounded = points.astype(np.float32).astype(float)
         return np.maximum(in_precision(np.float64, points), in_precision(np.float32, rounded))
 
@@ -58,13 +58,13 @@ def verify(
         depth_ratio = np.exp(log_ratio).astype(np.float32).astype(float)
         angle, ratio, fov = (v.astype(dtype) for v in (theta, depth_ratio, half_fov))
         eta = lookup(angle, ratio, fov, rows, np).astype(float)
-        # A single frustum's integrals are computed once.
+        # The integrals of a single frustum are computed once.
         frusta = ranges.frusta() if ranges.single else ranges.frusta(depth_ratio, half_fov)
         return np.asarray(regret(frusta, theta, eta, objective))
 
     points = _points(low, high, rows)
     found = of(points)
-    # Of the points in order of theta, the local worst; around the worst of these, closer and closer.
+    # The local maxima in order of theta; around the worst of these, finer and finer.
     peaks = np.flatnonzero((found >= np.r_[found[1:], 0]) & (found >= np.r_[0, found[:-1]]))
     peaks = peaks[np.argsort(-found[peaks])]
     at, most = points[peaks[:_STARTS]], found[peaks[:_STARTS]]
@@ -83,7 +83,7 @@ def verify(
     broken = points[peaks[:200]][found[peaks[:200]] > promise]
     broken = np.concatenate([broken, at[None]]) if worst > promise else broken
     theta, log_ratio, half_fov = np.clip(at, low, high)
-    depth_ratio = np.clip(np.exp(log_ratio), *ranges.depth_ratio)  # a logarithm's exponential is not quite itself
+    depth_ratio = np.clip(np.exp(log_ratio), *ranges.depth_ratio)  # exp(log(x)) may differ from x by rounding
     return worst, (float(theta), float(depth_ratio), float(half_fov)), broken
 
 
@@ -92,7 +92,7 @@ def _points(low: np.ndarray, high: np.ndarray, rows: Rows) -> np.ndarray:
     rng = np.random.default_rng(12345)
     single = (low[1:] == high[1:]).all()
     count = _POINTS if single else 8 * _POINTS
-    # Even in theta with a jitter, and by the golden and silver ratios in the others: irregular, and nowhere sparse.
+    # Jittered in theta, and golden and silver ratios in the others: irregular, without large gaps.
     order = np.arange(count)
     share = np.stack([(order + rng.random(count)) / count, (order * 0.618033988749895) % 1, (order * 0.41421356) % 1])
     spread = low + (high - low) * share.T

@@ -1,4 +1,4 @@
-"""Where the optimum changes its nature: the directions that a table's knots keep to."""
+"""Breakpoints of the optimum: the directions at which a table places knots."""
 
 import jax
 import numpy as np
@@ -12,12 +12,12 @@ from ...objective import Objective
 _GRID = 1024  # directions, one of which must lie in each zone
 
 
-def landmarks(frusta: ViewFrustum, objective: Objective, first: float, last: float) -> np.ndarray:
-    """(G, K) directions, not decreasing along K: the ends, theta = phi, where the outcome changes.
+def breakpoints(frusta: ViewFrustum, objective: Objective, first: float, last: float) -> np.ndarray:
+    """(G, K) directions, not decreasing along K: the ends, theta = phi, and where the outcome changes.
 
-    The outcome (no warp, stationary point, tie, kink; theory of `optimal_warp`) changes at a kink of eta. Changes that
-    not every frustum has exactly once are left out; as far/near or the field of view varies the others may cross, and
-    their order by size varies continuously all the same.
+    The outcome (no warp, stationary point, tie, kink; see `optimal_warp`) changes at a kink of eta. Changes that not
+    every frustum has exactly once are left out. As far/near or the field of view varies, the others may cross;
+    sorted by size they still vary continuously.
 
     Args:
         frusta: (G,).
@@ -41,7 +41,7 @@ def landmarks(frusta: ViewFrustum, objective: Objective, first: float, last: flo
 
 
 def with_axes(frusta: ViewFrustum, count: int) -> ViewFrustum:
-    """The same with so many axes of length one at the end, to meet directions."""
+    """The frusta with `count` axes of length one appended, to broadcast with directions."""
     return jax.tree.map(lambda v: v.reshape(v.shape + (1,) * count), frusta)
 
 

@@ -1,4 +1,4 @@
-"""How far eta may be from the optimum: the tube in which the regret keeps a promise."""
+"""The tolerance band: the interval of eta around the optimum in which the regret keeps a promise."""
 
 import functools
 from typing import NamedTuple
@@ -16,10 +16,10 @@ from ...theory.view_frustum import ViewFrustum
 _STEPS = 56  # bisections: a bracket of width 16 in log(eta) to the last bit
 
 
-class Tube(NamedTuple):
-    """eta of the optimum, and between which bounds value/minimum - 1 stays below the promise.
+class ToleranceBand(NamedTuple):
+    """The optimum's eta, and the bounds between which value/minimum - 1 stays below the promise.
 
-    `upper` is inf where no warp at all (eta = 1) keeps it: a look-up ends at eta = 1.
+    `upper` is inf where eta = 1 (no warp) keeps the promise, since a lookup clamps at eta = 1.
     """
 
     eta: Float[np.ndarray, "..."]
@@ -32,13 +32,13 @@ class Tube(NamedTuple):
         return np.isfinite(self.upper)
 
     @property
-    def room(self) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-        """From the optimum down to the lower bound and up to the upper one, 0 where there is none."""
+    def widths(self) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+        """Distances from the optimum to the lower and the upper bound; 0 without an upper bound."""
         return self.eta - self.lower, np.where(self.bounded, self.upper - self.eta, 0)
 
     def depth(self, eta: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """How deep inside: 1 at the optimum, 0 on a bound, below 0 outside."""
-        below, above = (room + np.finfo(float).tiny for room in self.room)
+        """Relative depth in the band: 1 at the optimum, 0 on a bound, below 0 outside."""
+        below, above = (width + np.finfo(float).tiny for width in self.widths)
         return np.minimum((eta - self.lower) / below, (self.upper - eta) / above)
 
 
@@ -50,16 +50,16 @@ def regret(frustum: ViewFrustum, theta: ArrayLike, eta: ArrayLike, objective: Ob
     return norms_of_eta(frustum, theta, eta, objective) / best - 1
 
 
-def tube(frustum: ViewFrustum, theta: ArrayLike, objective: Objective, max_regret: float) -> Tube:
-    """The tube of each frustum and direction, which broadcast.
+def tolerance_band(frustum: ViewFrustum, theta: ArrayLike, objective: Objective, max_regret: float) -> ToleranceBand:
+    """The tolerance bands of frusta and directions, which broadcast.
 
-    The norm is pseudo-convex in eta: bisection in log(eta) from the optimum outwards finds it.
+    The norm is pseudo-convex in eta, so bisection in log(eta) from the optimum outwards finds them.
     """
-    return Tube(*(np.asarray(v) for v in _tube(frustum, theta, objective, max_regret)))
+    return ToleranceBand(*(np.asarray(v) for v in _tolerance_band(frustum, theta, objective, max_regret)))
 
 
 @functools.partial(jax.jit, static_argnames="objective")
-def _tube(frustum: ViewFrustum, theta: ArrayLike, objective: Objective, max_regret: ArrayLike) -> tuple:
+def _tolerance_band(frustum: ViewFrustum, theta: ArrayLike, objective: Objective, max_regret: ArrayLike) -> tuple:
     theta = jnp.asarray(theta)
     solution = solve_frusta(frustum, theta, objective, Method())
     best = jnp.log(solution.warp.eta)
