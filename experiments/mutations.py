@@ -104,7 +104,7 @@ MUTATIONS = (
     Mutation("bound/frustum.py", "middle = space.b * (log_length * decay((Q * root - 1) * log_length))",
              "middle = space.b * (log_length * decay(Q * root * log_length))", "lower_bound", "l_p or raw_geometry"),
     Mutation("bound/frustum_map.py", "first = tuple(a_minus * v for v in at_far)",
-             "first = tuple(b * v for v in at_far)", "lower_bound", "map"),
+             "first = tuple(b * v for v in at_far)", "lower_bound", "map_s_limit"),
     Mutation("render/shadow_matrix.py", "start = jnp.where(nearest < start, nearest, start)",
              "start = start + 0 * nearest", "shadow_matrix", "casters"),
     Mutation("render/shadow_matrix.py", "jnp.ones_like(mu), 1 - 2 * pad_s, jnp", "jnp.ones_like(mu), 1 - pad_s, jnp",
@@ -119,12 +119,15 @@ MUTATIONS = (
     Mutation("table/build/heights.py", "for rising in (other - one, one - other)",
              "for rising in (other - one, other - one)", "table", "slope"),
     Mutation("table/build/tube.py", "upper = jnp.where(open_end, jnp.inf,", "upper = jnp.where(open_end, 1.0,",
-             "table", "promise or other or outside"),
+             "table", "tube_ends"),
     Mutation("table/build/slope.py", "_ALLOWED = 1.1", "_ALLOWED = 1.4", "table", "slope"),
     Mutation("table/build/polyline.py", "least = np.maximum.accumulate(", "least = np.asarray(", "table", "fewest"),
 )  # fmt: skip
 
 EQUIVALENT = {
+    ("render/shadow_matrix.py", "for depth in (sides.depth,)]"): (
+        "the reference lies between the first and the last receiver, so that both extremes divide by a group's least A"
+    ),
     ("receivers/polytope.py", "tolerance = 0 * eps * reach"): (
         "a corner ends several edges, and rounding spares one of them in every pose tried (squares, lines, points)"
     ),
