@@ -48,6 +48,8 @@ from warpopt.app.common.jax_settings import prepare_jax
 
 if LANE != "default-xla":
     prepare_jax()
+    if "--xla_cpu_use_fusion_emitters=false" in os.environ["XLA_FLAGS"]:  # a jaxlib whose flags are known
+        os.environ["XLA_FLAGS"] += " --xla_cpu_parallel_codegen_split_count=1"  # parts cost more than they save here
 
 import jax
 

@@ -4,6 +4,7 @@ import functools
 import sys
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import scenes
@@ -11,6 +12,7 @@ import twin
 from twin import mpf
 
 import warpopt
+from warpopt.solve.sign_change import positive_root
 
 EPS = np.finfo(np.float64).eps
 ROOT = Path(__file__).parents[1]
@@ -145,3 +147,18 @@ def test_orders_of_magnitude(monkeypatch):
         np.testing.assert_allclose(found[metric], rows, rtol=6e-3)
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     assert f"<!-- results -->\n{results.table(found)}\n<!-- end results -->" in readme
+
+
+def test_quadratics_of_any_size_have_their_root():
+    """c2 x^2 + c1 x + c0, c2 > 0 > c0, c1 of either sign or zero, over 200 orders of magnitude: 500 digits beside."""
+    rng = np.random.default_rng(6)
+    c2, c1, c0 = 10 ** rng.uniform(-100, 100, 90), 10 ** rng.uniform(-100, 100, 90), -(10 ** rng.uniform(-100, 100, 90))
+    c1 *= np.resize([1, -1, 0], 90)
+    root, found = positive_root(((2, 1, 0), tuple(jnp.asarray(c) for c in (c2, c1, c0))), False)
+    assert bool(found.all())
+    exact = []
+    for a, b, c in zip(c2, c1, c0, strict=True):
+        a, b, c = (twin.mp.mpf(float(v)) for v in (a, b, c))
+        with twin.mp.workdps(500):
+            exact.append(float((twin.mp.sqrt(b * b - 4 * a * c) - b) / (2 * a)))
+    np.testing.assert_allclose(root, exact, rtol=8 * EPS)

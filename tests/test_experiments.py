@@ -134,10 +134,10 @@ def test_objective_pictures_show_what_was_minimised(tmp_path, script):
         assert worst[0] > 3 * worst[best]
     _, p, q = choices
     page = (EXPERIMENTS.parent / "docs" / "objectives.md").read_text(encoding="utf-8")
-    assert f"$E_q$ of the foreground at {p.worst('q'):.2g}." in page
+    assert f"In the foreground $E_q$ remains {p.worst('q'):.2g}." in page
     assert f"the worst pixel as good as can be ({p.worst('p'):.2g})" in page
-    assert f"the ridge ruined: {q.worst('p'):.2g} pixels per texel" in page
-    assert f"nearer than {view.seen.depth.min() // 1:.0f} near planes" in page  # near is 1
+    assert f"the ridge has {q.worst('p'):.2g} pixels per texel" in page
+    assert f"nearer than {view.seen.depth.min() // 1:.0f} times the near distance" in page  # near is 1
     pictures.picture(choices, ("p",), curves=True).savefig(tmp_path / "picture.png")
     assert (tmp_path / "picture.png").stat().st_size > 10_000
 

@@ -112,6 +112,20 @@ def test_norms_of_any_warp_equal_the_twin():
             np.testing.assert_allclose(got, [float(e) for e in exact], rtol=500 * EPS)
 
 
+def test_norms_over_thin_frusta_keep_their_digits():
+    """f - n = 1e-8: masses and moments, whose differences of powers would lose half of all digits."""
+    near, far = np.linspace(1.1, 7.3, 4), np.linspace(1.1, 7.3, 4) + 1e-8 * np.linspace(0.7, 3.1, 4)
+    view = warpopt.FrustumView(warpopt.ViewFrustum(near, far, 0.5), 1.0)
+    for measure in ("volume", "ground"):
+        of = optima.Of(1.0, 0.0, "l1", measure)
+        got = warpopt.error_norm(
+            view, warpopt.Warp.from_eta(np.full(4, 0.3), view), warpopt.Objective("p", "l1", measure)
+        )
+        scenes_of = [twin.Scene(n, f, 0.5, 1.0) for n, f in zip(near, far, strict=True)]
+        exact = [float(optima.norm_of(scene, of)(scene.lam(mpf(0.3)))) for scene in scenes_of]
+        np.testing.assert_allclose(got, exact, rtol=64 * EPS)
+
+
 def test_twin_norms_agree_with_plain_integration():
     """The oracle's own check: two nested quadratures over (z, y) of the error itself, no antiderivative."""
     scene = twin.Scene(1.0, 20.0, 0.5, 0.7)

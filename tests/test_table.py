@@ -354,3 +354,18 @@ def test_the_largest_regret_is_found_in_a_spike_between_all_points():
     assert theta == pytest.approx(around[exact.argmax()], abs=1e-6)
     assert (ratio, half_fov) == (pytest.approx(1e6), 0.5)
     assert broken[-1][0] == theta
+
+
+@pytest.mark.parametrize(("metric", "norm"), [("p", "inf"), ("q", "inf")])
+def test_a_tolerance_band_ends_where_the_regret_is_the_promise(metric, norm):
+    """By the verbs; open above where no warp keeps the promise."""
+    objective, theta = Objective(metric, norm), np.linspace(0, np.pi / 2, 40)
+    view = warpopt.FrustumView(FRUSTUM, theta)
+    best = warpopt.optimal_warp(view, objective).value
+    bare = np.asarray(warpopt.error_norm(view, warpopt.Warp.from_eta(np.ones(40), view), objective) / best - 1)
+    around = tube(FRUSTUM, theta, objective, 0.01)
+    np.testing.assert_array_equal(np.isinf(around.upper), bare <= 0.01)
+    assert 0 < np.isinf(around.upper).sum() < 40
+    for end in (around.lower, np.where(around.bounded, around.upper, around.lower)):
+        regret_there = warpopt.error_norm(view, warpopt.Warp.from_eta(end, view), objective) / best - 1
+        np.testing.assert_allclose(regret_there, 0.01, rtol=1e-9)

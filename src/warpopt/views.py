@@ -1,6 +1,7 @@
 """Camera, receivers and light: the first argument of the main functions."""
 
 import functools
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -109,8 +110,10 @@ class SceneView(eqx.Module):
                 f"receivers: got {shown(receivers)}, expected one of warpopt.receivers, or a class of your own that "
                 "derives from its Receivers"
             )
+        dtype = jnp.result_type(*jax.tree.leaves(eqx.filter((camera, light, receivers), eqx.is_inexact_array)))
+        # Resolutions are whole numbers: their dtype says nothing about the precision asked for.
         parts = camera, light, receivers, *resolutions(screen, shadow_map)
-        self.camera, self.light, self.receivers, self.screen, self.shadow_map = _of_one_dtype(parts)
+        self.camera, self.light, self.receivers, self.screen, self.shadow_map = _of_dtype(parts, dtype)
 
     def frame(self) -> LightFrame:
         """W's axes, and the screen's units along them."""
@@ -143,10 +146,9 @@ class SceneView(eqx.Module):
         return eqx.tree_at(lambda view: view.receivers, self, receivers)
 
 
-def _of_one_dtype(parts: PyTree) -> PyTree:
-    """The parts with all floating-point arrays in their common promoted dtype."""
+def _of_dtype(parts: PyTree, dtype: Any) -> PyTree:
+    """The parts with all floating-point arrays in that dtype."""
     inexact, others = eqx.partition(parts, eqx.is_inexact_array)
-    dtype = jnp.result_type(*jax.tree.leaves(inexact))
     return eqx.combine(jax.tree.map(lambda leaf: leaf.astype(dtype), inexact), others)
 
 

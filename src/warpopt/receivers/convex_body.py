@@ -109,7 +109,7 @@ class ConvexBody(Receivers):
         Receivers.check(self, camera, light, objective)
         if is_traced(camera.far, self.planes):
             return
-        if jnp.isinf(camera.far).any() and _vertices(camera, self)[2]:
+        if np.isinf(camera.far).any() and _vertices(camera, self)[2]:
             raise ValueError(
                 "receivers: got an unbounded body in the view of a camera with far = inf, expected one that "
                 "ends, or a finite far"

@@ -37,7 +37,7 @@ class WholeFrustum(Receivers):
             ValueError: also for a camera without a far plane.
         """
         Receivers.check(self, camera, light, objective)
-        if not is_traced(camera.far) and jnp.isinf(camera.far).any():
+        if not is_traced(camera.far) and np.isinf(camera.far).any():
             raise ValueError(
                 "camera: got far = inf with the whole frustum as receivers, expected a finite far, or receivers that "
                 "know their depths"
