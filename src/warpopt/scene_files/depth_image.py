@@ -80,7 +80,7 @@ def decoded_image(
     if distance == "ray" and (encoding != "linear" or window is None):
         raise ValueError("distance: got 'ray', expected linear encoding and a window with it")
     if scale is None and values.dtype.kind != "f":
-        raise ValueError(f"got integers ({values.dtype}), expected a scale with them (0.001 for millimetres)")
+        raise ValueError(f"got integers ({values.dtype}), expected scale with them (0.001 for millimetres)")
     if scale is not None and not 0 < scale < np.inf:
         raise ValueError(f"scale: got {scale:g}, expected a finite number > 0")
     if background is not None and not background > 0 and encoding != "reversed":
