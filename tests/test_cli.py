@@ -265,7 +265,7 @@ def test_a_value_of_the_wrong_kind_is_refused_in_words(folder, capsys, name, val
 
 def test_a_norm_named_twice_is_refused(folder, capsys):
     assert invoke("run", "config.toml", "--objective.norms", '["l2", 2]') == 2
-    assert "expected no value twice" in capsys.readouterr().err
+    assert "expected distinct values" in capsys.readouterr().err
 
 
 def test_a_failed_solve_does_not_pass_for_no_warp(folder, capsys):

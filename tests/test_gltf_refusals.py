@@ -133,7 +133,7 @@ BAD = {
     ),
     "a buffer without a place": (
         changed("buffers", 0, "uri", to=...),
-        "got no uri, expected one, for want of a binary chunk",
+        "got no uri, expected one, as there is no binary chunk",
     ),
     "broken base64": (changed("buffers", 0, uri="data:;base64,AB!C"), "expected valid base64"),
     "corners": (changed("accessors", 1, count=5), "got 5 corners, expected a multiple of 3"),

@@ -127,7 +127,7 @@ def axis_depths(space: LightSpace | BodySpace) -> tuple[LightDepth, LightDepth]:
 
 
 def warp_of_product(space: LightSpace | BodySpace, product: Array, factor: ArrayLike = 1) -> Warp:
-    """The warp of lambda factor / n, for a factor >= 0; undefined, no warp, unless that is positive."""
+    """The warp of lambda = n product / factor; undefined (eta = 1) unless that is positive."""
     positive = product > 0
     return Warp.from_range_ratio(space.mu_over_near * factor / jnp.where(positive, product, 1), space, positive)
 

@@ -113,7 +113,7 @@ class Document:
     def _content(self, item: Item, index: int) -> bytes | memoryview:
         if "uri" not in item:
             if index or self._binary is None:
-                raise item.refused("uri", "one, for want of a binary chunk")
+                raise item.refused("uri", "one, as there is no binary chunk")
             return self._binary
         uri = item.text("uri")
         if uri[:5].lower() == "data:":

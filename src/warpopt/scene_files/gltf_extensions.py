@@ -30,7 +30,7 @@ _HARMLESS = frozenset(
 
 # They move or create geometry, so a file that uses them cannot be drawn correctly without them.
 _MOVING = {
-    "AGI_articulations": "its nodes stand where their articulations put them",
+    "AGI_articulations": "its articulations move nodes",
     "CESIUM_RTC": "its positions are relative to a centre",
     "KHR_blend": "its positions may be blended",
     "KHR_materials_displacement": "its surfaces are displaced",

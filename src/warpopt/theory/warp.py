@@ -160,7 +160,7 @@ def refuse_lost(lost: Bool[Array, "..."]) -> None:
     if not is_traced(lost) and bool(lost.any()):
         raise ValueError(
             "warp: got an apex that is not before these receivers (lambda would not be positive), expected a warp made "
-            "for a body that begins no later"
+            "for a body that starts no later"
         )
 
 

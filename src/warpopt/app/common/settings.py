@@ -53,7 +53,7 @@ def listed(value: Any) -> Any:
 
 def _distinct(values: list) -> list:
     if len(set(values)) < len(values):
-        raise ValueError("expected no value twice")
+        raise ValueError("expected distinct values")
     return values
 
 

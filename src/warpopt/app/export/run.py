@@ -1,4 +1,4 @@
-"""`warpopt export`: files for engines, all or none."""
+"""`warpopt export`: writes all files for engines, or none."""
 
 from pathlib import Path
 
