@@ -118,8 +118,8 @@ MUTATIONS = (
     Mutation("table/lookup.py", "share = high * (between", "share = low * (between", "table", "far_near"),
     Mutation("table/build/heights.py", "for rising in (other - one, one - other)",
              "for rising in (other - one, other - one)", "table", "slope"),
-    Mutation("table/build/tolerance_band.py", "upper = jnp.where(open_end, jnp.inf,", "upper = jnp.where(open_end, 1.0,",
-             "table", "tolerance_band_ends"),
+    Mutation("table/build/tolerance_band.py", "upper = jnp.where(open_end, jnp.inf,",
+             "upper = jnp.where(open_end, 1.0,", "table", "tolerance_band_ends"),
     Mutation("table/build/slope.py", "_ALLOWED = 1.1", "_ALLOWED = 1.4", "table", "slope"),
     Mutation("table/build/polyline.py", "least = np.maximum.accumulate(", "least = np.asarray(", "table", "fewest"),
 )  # fmt: skip

@@ -363,7 +363,7 @@ def test_a_tolerance_band_ends_where_the_regret_is_the_promise(metric, norm):
     view = warpopt.FrustumView(FRUSTUM, theta)
     best = warpopt.optimal_warp(view, objective).value
     bare = np.asarray(warpopt.error_norm(view, warpopt.Warp.from_eta(np.ones(40), view), objective) / best - 1)
-    around = tube(FRUSTUM, theta, objective, 0.01)
+    around = tolerance_band(FRUSTUM, theta, objective, 0.01)
     np.testing.assert_array_equal(np.isinf(around.upper), bare <= 0.01)
     assert 0 < np.isinf(around.upper).sum() < 40
     for end in (around.lower, np.where(around.bounded, around.upper, around.lower)):
