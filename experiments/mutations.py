@@ -160,6 +160,8 @@ def noticed(mutation: Mutation, cache: Path) -> tuple[bool, str]:
         # What the mutant does not touch is compiled once for all of them.
         environment |= {"JAX_COMPILATION_CACHE_DIR": str(cache), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.05"}
         done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    if done.returncode == 5:
+        raise SystemExit(f"{mutation.file}: got no test in {mutation.tests!r} for {mutation.chosen!r}, expected some")
     if done.returncode not in (0, 1):
         return True, f"pytest ended with {done.returncode}: {done.stdout.strip().splitlines()[-1:]}"
     failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]

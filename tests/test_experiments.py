@@ -193,3 +193,13 @@ def test_the_fuzz_s_oracles_see_what_is_wrong(tmp_path, script, monkeypatch):
     monkeypatch.setattr(fuzz, "read_scene", wrong)
     with pytest.raises(fuzz.Defect, match="read as"):
         fuzz.attempt(seed, tmp_path)
+
+
+def test_every_mutation_has_its_place(script):
+    """The text that it changes is there, once, and so are its tests; whether they notice takes the whole script."""
+    mutations = script("mutations")
+    assert len(mutations.MUTATIONS) >= 40
+    for mutation in mutations.MUTATIONS:
+        assert (EXPERIMENTS.parent / "src" / "warpopt" / mutation.file).read_text("utf-8").count(mutation.old) == 1
+        assert mutation.new != mutation.old
+        assert all((EXPERIMENTS.parent / f"tests/test_{name}.py").exists() for name in mutation.tests.split())
