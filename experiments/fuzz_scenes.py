@@ -276,9 +276,9 @@ def check_optimum(read: SceneInput, view: Any, solution: Any, outcome: Any) -> N
     blend = etas[:, None] + (1 - etas[:, None]) * delta
     values = float(solution.frame.density_p) * (mu * blend**2 / (z * etas[:, None])).max(1)
     # Groups of pixels bound theirs from above, by at most what the solution says.
-    for told, pixels in zip((float(solution.value), float(solution.unwarped)), values[:2], strict=True):
-        if not pixels * (1 - 1e-6) <= told <= pixels * (1 + float(solution.excess) + 1e-6):
-            raise Defect(f"E_p is told as {told}, and is {pixels} over the pixels")
+    for reported, pixels in zip((float(solution.value), float(solution.unwarped)), values[:2], strict=True):
+        if not pixels * (1 - 1e-6) <= reported <= pixels * (1 + float(solution.excess) + 1e-6):
+            raise Defect(f"E_p was reported as {reported}, and is {pixels} over the pixels")
     least = values.min()
     if values[0] > least * (1 + float(solution.excess) + 1e-6):
         raise Defect(f"eta {best} has {values[0]}, another has {least}")
@@ -312,7 +312,7 @@ def fuzz(first: int, count: int, folder: Path) -> tuple[collections.Counter, lis
             ends[attempt(seed, folder)] += 1
         except Defect as defect:
             ends["defect"] += 1
-            defects.append({"seed": seed, "told": str(defect)})
+            defects.append({"seed": seed, "defect": str(defect)})
     return ends, defects
 
 
@@ -334,7 +334,7 @@ def main(words: list[str] | None = None) -> None:
     (arguments.directory / "fuzz.json").write_text(json.dumps(summary, indent=1) + "\n")
     print(dict(ends))
     for defect in defects[:20]:
-        print(defect["seed"], defect["told"].strip().splitlines()[-1])
+        print(defect["seed"], defect["defect"].strip().splitlines()[-1])
 
 
 if __name__ == "__main__":

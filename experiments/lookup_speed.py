@@ -1,4 +1,4 @@
-"""What a look-up costs in C beside LiSPSM's own formula, in one program over the same directions.
+"""What a lookup costs in C beside LiSPSM's own formula, in one program over the same directions.
 
     python experiments/lookup_speed.py --directory runs/lookup_speed --readme README.md
 

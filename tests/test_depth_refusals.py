@@ -1,4 +1,4 @@
-"""Every way in which a depth image can be wrong is told in one sentence; mutated files are read or refused."""
+"""Every way in which a depth image can be wrong is refused in one sentence; mutated files are read or refused."""
 
 import io
 import struct

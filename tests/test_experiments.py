@@ -181,7 +181,7 @@ def test_the_fuzz_s_oracles_see_what_is_wrong(tmp_path, script, monkeypatch):
         return dataclasses.replace(found, value=found.value * 1.5)
 
     monkeypatch.setattr(fuzz.warpopt, "optimal_warp", off)
-    with pytest.raises(fuzz.Defect, match="E_p is told as"):
+    with pytest.raises(fuzz.Defect, match="E_p was reported as"):
         fuzz.attempt(seed, tmp_path)
     monkeypatch.setattr(fuzz.warpopt, "optimal_warp", optimal)
     read = fuzz.read_scene

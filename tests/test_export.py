@@ -1,4 +1,4 @@
-"""Exported code, compiled and run: the look-up of a table, and the closed form."""
+"""Exported code, compiled and run: the lookup of a table, and the closed form."""
 
 import equinox as eqx
 import numpy as np
@@ -234,7 +234,7 @@ RUNNERS = {
 
 @pytest.mark.parametrize("name", RUNNERS)
 def test_shaders_run_as_the_look_up_and_the_optimum(table, name):
-    """On real drivers: the look-up to 1e-5 of Python's, beyond its ends too; the closed form within their freedoms."""
+    """On real drivers: the lookup to 1e-5 of Python's, beyond its ends too; the closed form within their freedoms."""
     language = {"GLSL 330": GLSL_330, "GLSL 450": GLSL_450, "WGSL": WGSL}[name]
     given = directions(table, 20_000)
     given = given[np.isfinite(given[:, 0])]  # shading languages define nothing else

@@ -1,4 +1,4 @@
-"""Every way in which a glTF file can be wrong is told in one sentence with the file, the place and the reason."""
+"""Every way in which a glTF file can be wrong is refused in one sentence with the file, the place and the reason."""
 
 import json
 import struct

@@ -1,4 +1,4 @@
-"""Tables: the promise, the look-up and the files. The code made from them: test_export.py."""
+"""Tables: the promise, the lookup and the files. The code made from them: test_export.py."""
 
 import jax
 import jax.numpy as jnp
@@ -144,7 +144,7 @@ def wide():
 
 
 def test_a_table_of_several_rows_keeps_its_promise_everywhere(wide):
-    """At random points that no builder saw, and at their ends; single precision's look-up included."""
+    """At random points that no builder saw, and at their ends; single precision's lookup included."""
     rows, fovs, _ = wide.theta.shape
     assert rows >= 2
     assert fovs >= 2
