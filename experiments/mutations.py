@@ -62,7 +62,7 @@ MUTATIONS = (
     Mutation("receivers/footprint.py", "(sides.depth, sides.farthest, right, left)",
              "(sides.farthest, sides.farthest, right, left)", "receivers depth_buffer", "excess or cells"),
     Mutation("receivers/footprint.py", "jnp.where(largest < 0, largest, jnp.where(least > 0, least, 0))",
-             "jnp.zeros_like(least)", "receivers scene_warp", "buffer or yz_plane"),
+             "jnp.zeros_like(least)", "scene_warp", "brute_force"),
     Mutation("receivers/footprint.py", "flat = ~(end - start > 4 * jnp", "flat = ~(end - start > 0 * jnp",
              "receivers", "flat"),
     Mutation("receivers/moments.py", "[math.comb(M, j) * value for j, value in enumerate(sums)]",
