@@ -501,3 +501,15 @@ def test_schema_and_overrides(capsys):
     config = read_compare_config(CONFIGS / "compare.toml", ["--view.far", "500", "--rules.own.mine", "a.b:c"])
     assert isinstance(config, CompareConfig)
     assert (config.view.far, config.rules.own) == (500.0, {"mine": "a.b:c"})
+
+
+def test_a_rule_that_is_undefined_everywhere_has_no_numbers():
+    """Killed: NumPy's message about nothing to concatenate."""
+    view = warpopt.FrustumView(FRUSTUM, np.array([0.5, 0.9, 1.2]))
+
+    def nowhere(frustum, theta):
+        return warpopt.Warp.from_range_ratio(0 * theta, warpopt.FrustumView(frustum, theta), theta < 0)
+
+    comparison = warpopt.compare_rules(view, {"nowhere": nowhere})
+    assert not comparison.defined.any()
+    assert np.isnan(comparison.worst("nowhere").ratio)

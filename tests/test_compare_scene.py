@@ -217,7 +217,7 @@ def test_the_command_over_a_box(tmp_path, monkeypatch, boxed):
         assert row["worst_over_limit"] == row["at_light_over_limit"] == ""  # no limit of E_pxq is known
     assert list(ranked) == boxed.order()
     report = Path("out/report.md").read_text()
-    assert "applied as their sources apply them" in report
+    assert "applied as in their sources" in report
     assert "PSM yields no lambda > 0 for light" in report
     assert "No lower bound is known for a product of E_p and E_q." in report
     assert told["no_limit_because"] == boxed.no_bound_because

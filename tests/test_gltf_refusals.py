@@ -177,7 +177,7 @@ BAD = {
     ),
     "an extension that moves": (
         changed("extensionsUsed", to=["AGI_articulations"]),
-        "'AGI_articulations', which is not read (its nodes",
+        "'AGI_articulations', which is not read (its articulations",
     ),
     "extensions that are text": (changed("extensionsRequired", to="KHR_x"), "expected a list of names"),
     "meshopt without end": (

@@ -294,7 +294,7 @@ def test_the_table_attains_the_limit_and_is_written_whole(tmp_path, norm, measur
         ("map.json", lambda b: b.replace(b'"value": 7', b'"value": 8'), "digest"),
         ("map.json", lambda b: b.replace(b'"mu"', b'"nu"'), "got fields"),
         ("map.json", lambda b: b.replace(b'"s": [\n  0.0', b'"s": [\n  2.0'), "do not run from 0 to 1"),
-        ("map.json", lambda b: b.replace(b'"near": 1.0', b'"near": [1]'), "no number"),
+        ("map.json", lambda b: b.replace(b'"near": 1.0', b'"near": [1]'), "not a number"),
         ("map.txt", lambda b: b, "expected .npz, .csv or .json"),
         ("none.json", None, "cannot be read: No such file"),
     ],

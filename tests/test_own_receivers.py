@@ -120,7 +120,10 @@ def test_a_kind_takes_the_measures_that_it_names():
     box = KINDS["box"]
     got, expected = (warpopt.optimal_warp(SceneView(CAMERA, LIGHT, r), ground) for r in (Whole(box), box))
     np.testing.assert_allclose(got.warp.eta, expected.warp.eta, rtol=64 * EPS)
-    for receivers, words in ((OnlyFootprint(box), "'screen': its weights"), (KINDS["points"], "'screen': its weights")):
+    for receivers, words in (
+        (OnlyFootprint(box), "'screen': it has weights"),
+        (KINDS["points"], "'screen': it has weights"),
+    ):
         view = SceneView(CAMERA, LIGHT, receivers)
         name = type(receivers).__name__
         for verb in (

@@ -295,6 +295,14 @@ def test_an_image_of_background_says_why(capsys):
     assert np.isfinite(seen_now.depths[0]).all()
 
 
+def test_depths_before_the_near_plane_are_reported():
+    """Kilometres, or a reversed buffer that is read as linear: a number, and a note beside it."""
+    np.save("km.npy", np.full((9, 16), 0.05))
+    camera = POSE + f"half_fov_deg = 25.0\naspect = {16 / 9}"
+    told = run(toml("depth = { files = 'km.npy' }", camera=camera))
+    assert told["notes"] == ["km.npy: 144 of 144 values are nearer than near = 1: units or encoding?"]
+
+
 def test_a_box_before_a_camera_without_far(capsys):
     told, ended = (run(toml(BOX, camera=camera)) for camera in (ENDLESS, CAMERA))
     assert told["cameras"][0]["far"] is None

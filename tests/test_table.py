@@ -280,7 +280,7 @@ def test_edited_tables_are_refused(table, tmp_path):
     table.save(path)
     text = path.read_text()
     for old, new, words in (
-        ('"metric": "p"', '"metrik": "p"', "got fields"), ('"promised": 0.001', '"promised": "x"', "no number"),
+        ('"metric": "p"', '"metrik": "p"', "got fields"), ('"promised": 0.001', '"promised": "x"', "not a number"),
         ('"depth_ratio": [\n  100', '"depth_ratio": [\n  -100', "not form a grid"),
         ('"eta": [\n  ', '"eta": [\n  -', "negative"), ('"eta": [', '"eta": [\n  1.0,', "as many of each"),
         ('"theta": [\n  0.0', '"theta": [\n  9.0', "does not increase"),

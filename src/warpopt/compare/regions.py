@@ -41,7 +41,7 @@ def at_points(at: Callable[[NDArray], NDArray], rows: NDArray, points: NDArray, 
         part = slice(start, start + count)
         padded = np.pad(points[part], (0, count - len(points[part])), mode="edge")
         found.append(at(padded)[rows[part], np.arange(len(rows[part]))])
-    return np.concatenate(found)
+    return np.concatenate(found) if found else np.zeros(0)  # a rule may be undefined everywhere
 
 
 def _intervals(theta: NDArray, holds: NDArray[np.bool_], changes: NDArray) -> tuple[Interval, ...]:

@@ -66,7 +66,7 @@ ENGINES = _named(
     Rule(
         "osg_lispsm", "OSG LiSPSM", "src/osgShadow/LightSpacePerspectiveShadowMap.cpp @2e4ae2e", "engines"
     ),
-    Rule("osg_lispsm_corrected", "OSG LiSPSM, corrected", "`osg_lispsm` in one unit", "engines"),
+    Rule("osg_lispsm_corrected", "OSG LiSPSM, corrected", "`osg_lispsm` with consistent units", "engines"),
     Rule("osg_vdsm", "OSG VDSM", "src/osgShadow/ViewDependentShadowMap.cpp:1959 @2e4ae2e", "engines"),
     Rule("openmw", "OpenMW", "components/sceneutil/mwshadowtechnique.cpp:2953 @e47ad77", "engines"),
     Rule("ogre", "OGRE", "OgreMain/src/OgreShadowCameraSetupLiSPSM.cpp @00dd9a5", "engines"),

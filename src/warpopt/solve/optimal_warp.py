@@ -72,7 +72,7 @@ def optimal_warp(
     """
     refuse_other(view)
     objective = objective_or_default(objective)
-    how = _checked_method(method, quadrature_nodes)
+    how, min_eta = _checked_method(method, quadrature_nodes), checked_min_eta(min_eta)
     if isinstance(view, FrustumView):
         objective.metric  # noqa: B018, raises: one term
         solution = in_blocks(solve_frusta, (view.frustum, view.theta), objective, how)
@@ -82,7 +82,7 @@ def optimal_warp(
                 f"method, quadrature_nodes: got {method!r}, {quadrature_nodes!r}, expected the defaults for a scene"
             )
         refuse_scene(view, objective)
-        solution = solve_scene(view, objective, checked_min_eta(min_eta))
+        solution = solve_scene(view, objective, min_eta)
     return raised(solution) if throw else solution
 
 

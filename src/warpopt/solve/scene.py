@@ -16,6 +16,9 @@ from .footprint_optimum import LogNorm, Term, minimise, value_at
 from .outcome import Outcome
 from .solution import SceneSolution
 
+MOST_MOMENTS = 66
+"""The largest degree whose binomial coefficients are 64-bit integers; beyond, compiling takes minutes."""
+
 
 def refuse_scene(view: SceneView, objective: Objective) -> None:
     """Refuse a scene that cannot be solved.
@@ -27,6 +30,11 @@ def refuse_scene(view: SceneView, objective: Objective) -> None:
     if not (objective.supremum or objective.blend_degree == round(objective.blend_degree)):
         raise ValueError(
             f"norm: got order {objective.order:g} over receivers, expected one with (2 alpha + beta) order an integer"
+        )
+    if not objective.supremum and objective.blend_degree > MOST_MOMENTS:
+        raise ValueError(
+            f"norm: got order {objective.order:g} over receivers, expected (2 alpha + beta) order at most "
+            f"{MOST_MOMENTS}, or inf"
         )
 
 

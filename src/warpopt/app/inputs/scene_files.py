@@ -158,6 +158,12 @@ def _seen_in_files(
             )  # fmt: skip
         blank = image.why_blank()
         notes += [f"{file}: {blank}"] if blank else []
+        if asked.encoding == "linear":
+            nearer = int((image.depth < camera.near).sum())
+            notes += [
+                f"{file}: {nearer:,} of {image.depth.size:,} values are nearer than near = {camera.near:g}: "
+                "units or encoding?"
+            ] * (nearer > 0)
         cameras.append(camera)
         depths.append(image.depth)
     return cameras, depths

@@ -227,6 +227,11 @@ class SceneObjective(Section):
                     f"norms: got order {norm}, expected one that makes {objective.metric.blend_power:g} times it an "
                     f"integer for metric {metric!r}"
                 )
+            if not objective.supremum and objective.blend_degree > 66:
+                raise ValueError(
+                    f"norms: got order {norm}, expected at most {66 / objective.metric.blend_power:g} for metric "
+                    f"{metric!r}, or 'inf'"
+                )
         return self
 
     def objectives(self) -> list[Objective]:
