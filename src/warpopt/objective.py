@@ -14,6 +14,10 @@ Measure = Literal["volume", "screen", "log_depth", "ground", "axis"]
 # depth; ground: the density of a level ground plane. axis: x = y = 0, dz.
 DENSITY_EXPONENT = {"volume": 0.0, "screen": 2.0, "log_depth": 3.0, "ground": 4.0}
 
+MOST_MOMENTS = 66
+"""The largest degree (2 alpha + beta) order over receivers: its binomial coefficients are 64-bit integers. Beyond it,
+compiling takes minutes."""
+
 _ORDERS = {"inf": math.inf, "l1": 1.0, "l2": 2.0}
 
 

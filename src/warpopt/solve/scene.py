@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..objective import Metric, Objective
+from ..objective import MOST_MOMENTS, Metric, Objective
 from ..receivers.footprint import Footprint
 from ..theory.light_frame import LightFrame
 from ..theory.warp import Warp
@@ -15,9 +15,6 @@ from ..views import SceneView, one_light
 from .footprint_optimum import LogNorm, Term, minimise, value_at
 from .outcome import Outcome
 from .solution import SceneSolution
-
-MOST_MOMENTS = 66
-"""The largest degree whose binomial coefficients are 64-bit integers; beyond, compiling takes minutes."""
 
 
 def refuse_scene(view: SceneView, objective: Objective) -> None:

@@ -9,13 +9,14 @@ import numpy as np
 import warpopt
 from warpopt.objective import Objective
 
+from ..common.of_objective import OfObjective
 from ..inputs.scene_files import SceneInput
 from ..inputs.scene_values import views_of
 from .settings import CompareConfig, SceneCompareConfig
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Compared:
+class Compared(OfObjective):
     """One objective, over a view frustum or a scene's camera.
 
     Attributes:
@@ -27,16 +28,6 @@ class Compared:
     objective: Objective
     camera: int | None
     result: "warpopt.Comparison"
-
-    @property
-    def metric(self) -> str:
-        """Its name."""
-        return self.objective.name
-
-    @property
-    def norm(self) -> str:
-        """Its name."""
-        return self.objective.norm
 
     @property
     def title(self) -> str:

@@ -11,6 +11,7 @@ from warpopt.rules.registry import PUBLISHED
 from warpopt.solve.outcome import failed_on_host
 
 from ..common.command import Failed
+from ..common.of_objective import OfObjective
 from .block_files import Block, BlockFiles
 from .block_solver import BlockSolver, solve_blocks
 from .problem import SweepProblem, View
@@ -33,7 +34,7 @@ class RuleCurves(Curves):
 
 
 @dataclasses.dataclass(frozen=True)
-class OptimumCurves(Curves):
+class OptimumCurves(OfObjective, Curves):
     """The optimum of one objective, every rule's norm over the minimal one, and the limit: NaN where none is known."""
 
     objective: Objective
@@ -52,16 +53,6 @@ class OptimumCurves(Curves):
     def failed(self) -> np.ndarray:
         """Where no optimum was found."""
         return failed_on_host(self.result)
-
-    @property
-    def metric(self) -> str:
-        """Its name."""
-        return self.objective.name
-
-    @property
-    def norm(self) -> str:
-        """Its name."""
-        return self.objective.norm
 
     @property
     def no_limit_because(self) -> str | None:

@@ -9,7 +9,7 @@ import numpy as np
 import pydantic
 from pydantic import Field
 
-from warpopt.objective import METRICS, Measure, Objective
+from warpopt.objective import METRICS, MOST_MOMENTS, Measure, Objective
 
 from ...scene_files.scene_camera import orientation
 from ..common.settings import Distinct, Norm, Positive, Section, listed
@@ -227,10 +227,10 @@ class SceneObjective(Section):
                     f"norms: got order {norm}, expected one that makes {objective.metric.blend_power:g} times it an "
                     f"integer for metric {metric!r}"
                 )
-            if not objective.supremum and objective.blend_degree > 66:
+            if not objective.supremum and objective.blend_degree > MOST_MOMENTS:
+                largest = MOST_MOMENTS / objective.metric.blend_power
                 raise ValueError(
-                    f"norms: got order {norm}, expected at most {66 / objective.metric.blend_power:g} for metric "
-                    f"{metric!r}, or 'inf'"
+                    f"norms: got order {norm}, expected at most {largest:g} for metric {metric!r}, or 'inf'"
                 )
         return self
 

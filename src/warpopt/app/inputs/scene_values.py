@@ -21,16 +21,22 @@ def camera_of(camera: SceneCamera) -> "warpopt.Camera":
     )
 
 
-def receivers_of(config: SceneSettings, scene: SceneInput, i: int) -> Receivers:
-    """The receivers of camera i."""
+def buffer_of(scene: SceneInput, i: int) -> DepthBuffer | None:
+    """What camera i sees, if the scene has depth images."""
+    return DepthBuffer(scene.depths[i], scene.encoding) if scene.depths else None
+
+
+def body_of(config: SceneSettings) -> ConvexBody | None:
+    """The box or the half-spaces, if they are the receivers."""
     asked = config.receivers
-    if scene.depths:
-        return DepthBuffer(scene.depths[i], scene.encoding)
     if asked.box is not None:
         return ConvexBody.box(asked.box.lower, asked.box.upper)
-    if asked.planes is not None:
-        return ConvexBody(np.array(asked.planes.planes))
-    return WholeFrustum()
+    return None if asked.planes is None else ConvexBody(np.array(asked.planes.planes))
+
+
+def receivers_of(config: SceneSettings, scene: SceneInput, i: int) -> Receivers:
+    """The receivers of camera i."""
+    return buffer_of(scene, i) or body_of(config) or WholeFrustum()
 
 
 def views_of(config: SceneSettings, scene: SceneInput) -> "list[warpopt.SceneView]":

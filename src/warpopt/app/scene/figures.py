@@ -11,13 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 import warpopt
-from warpopt.receivers import ConvexBody, DepthBuffer
 
 from ..common import figure_style as style
 from ..common.error_maps import Seen, errors, image_of, section_of, shading
 from ..common.words import phrase
 from ..inputs.scene_files import SceneInput
-from ..inputs.scene_values import camera_of, receivers_of
+from ..inputs.scene_values import body_of, buffer_of, camera_of
 from .settings import SceneConfig
 from .solve import Solved
 
@@ -68,12 +67,12 @@ def write_scene_figures(
 
 def seen_of(config: SceneConfig, scene: SceneInput, s: Solved) -> Seen:
     """The image if there is one, otherwise a section along the light: bodies have no visible surface."""
-    camera, receivers = scene.cameras[s.camera], receivers_of(config, scene, s.camera)
-    if isinstance(receivers, DepthBuffer):
-        return image_of(camera, np.asarray(receivers.eye_depth(camera_of(camera))))
-    planes = np.asarray(receivers.planes) if isinstance(receivers, ConvexBody) else np.zeros((0, 4))
-    if np.isinf(camera.far):  # use the body's end
-        camera = dataclasses.replace(camera, far=float(receivers.depth_extent(camera_of(camera))[1]))
+    camera, buffer, body = scene.cameras[s.camera], buffer_of(scene, s.camera), body_of(config)
+    if buffer is not None:
+        return image_of(camera, np.asarray(buffer.eye_depth(camera_of(camera))))
+    planes = np.zeros((0, 4)) if body is None else np.asarray(body.planes)
+    if body is not None and np.isinf(camera.far):  # use the body's end; the whole frustum has a far plane
+        camera = dataclasses.replace(camera, far=float(body.depth_extent(camera_of(camera))[1]))
     return section_of(camera, planes, s.mapping, *_SECTION)
 
 

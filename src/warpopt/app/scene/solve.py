@@ -15,6 +15,7 @@ from warpopt._checks import trusted
 from warpopt.objective import Objective
 
 from ..common.error_maps import Mapping
+from ..common.of_objective import OfObjective
 from ..common.record import finite_or_none
 from ..inputs.scene_files import SceneInput
 from ..inputs.scene_values import under_light, views_of
@@ -24,7 +25,7 @@ _TOGETHER = 64  # lights in one batch
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Solved:
+class Solved(OfObjective):
     """One camera, light direction and objective.
 
     Attributes:
@@ -43,16 +44,6 @@ class Solved:
     outcome: "warpopt.Outcome"
     mapping: Mapping
     alone: bool
-
-    @property
-    def metric(self) -> str:
-        """Its name."""
-        return self.objective.name
-
-    @property
-    def norm(self) -> str:
-        """Its name."""
-        return self.objective.norm
 
     @property
     def title(self) -> str:
