@@ -60,12 +60,14 @@ class Metric:
         return self.alpha + self.beta
 
 
-# Every named metric, as the products whose maximum it is.
+# Every named metric: the products of E_p and E_q whose maximum it is, if it is one.
 METRICS: dict[str, tuple[Metric, ...]] = {
     "p": (Metric(1, 0),),
     "q": (Metric(0, 1),),
     "pxq": (Metric(1, 1),),
     "max": (Metric(1, 0), Metric(0, 1)),
+    "edge": (),
+    "band": (),
 }
 
 
@@ -78,7 +80,9 @@ class Objective:
     """A norm of an aliasing error; hashable, so that a compiled solver can be specialised to it.
 
     Attributes:
-        terms: the metrics whose maximum is taken; a single one, except for "max".
+        terms: the metrics whose maximum is taken; a single one, except for "max"; none for "edge" and "band".
+        kernel: name of the size of a texel (`warpopt.theory.KERNELS`) whose mean over weighted receivers this is: "edge",
+            "band", or "max" in an L_P norm; None for all others, which need only extents or moments.
         order: P of the norm, inf for the maximum over the receivers.
         measure: name of the measure of an L_P norm (see `Measure`). Receivers that are a set (points, pixels, a
             histogram) are weighted by their weights and accept only the default.
@@ -90,28 +94,38 @@ class Objective:
     """
 
     terms: tuple[Metric, ...]
+    kernel: str | None
     order: float
     measure: Measure
 
-    def __init__(self, metric: str | Metric = "p", norm: str | float = "inf", measure: str = "screen"):
+    def __init__(self, metric: str | Metric = "p", norm: str | float | None = None, measure: str = "screen"):
         """The objective by names.
 
         Args:
-            metric: "p", "q", "pxq", "max" (the larger of E_p and E_q, in L-inf) or `Metric(alpha, beta)`.
-            norm: "inf", "l1", "l2" or any real order >= 1.
+            metric: "p", "q", "pxq" or `Metric(alpha, beta)`; "max", the larger of E_p and E_q; "edge", the longer edge
+                of a texel, max(E_p sqrt(1 + sigma^2), E_q); "band", the expected offset of a shadow edge. The last
+                three compare E_p with E_q, which is meaningful in pixels per texel: give the view `screen` and
+                `shadow_map`, without which pixels are square and so is the map.
+            norm: "inf", "l1", "l2" or any real order >= 1. None means "inf"; for "edge" and "band", which are means,
+                "l1".
             measure: "volume", "screen", "log_depth", "ground" or "axis".
 
         Raises:
             ValueError: for an unknown word, an order below 1, or a norm whose minimum could not be certified.
         """
-        object.__setattr__(self, "terms", _terms(metric))
+        terms = _terms(metric)
+        averaged = not terms
+        if norm is None:
+            norm = "l1" if averaged else "inf"
+        object.__setattr__(self, "terms", terms)
         object.__setattr__(self, "order", order_of(norm))
+        object.__setattr__(self, "kernel", metric if averaged or (len(terms) > 1 and not self.supremum) else None)
         if measure not in get_args(Measure):
             raise ValueError(f"measure: got {measure!r}, expected one of {', '.join(map(repr, get_args(Measure)))}")
         object.__setattr__(self, "measure", measure)
-        if len(self.terms) > 1 and not self.supremum:
-            raise ValueError(f"norm: got {norm!r}, expected 'inf' with metric {metric!r}")
-        for term in self.terms:
+        if averaged and self.supremum:
+            raise ValueError(f"norm: got {norm!r}, expected 'l1', 'l2' or another finite order with metric {metric!r}")
+        for term in terms if self.kernel is None else ():
             if term.beta > 0 and term.blend_power * self.order < 1:
                 raise ValueError(
                     f"norm: got order {self.order} with {term}, expected (2 alpha + beta) order >= 1: below that the "
@@ -121,7 +135,7 @@ class Objective:
     @property
     def name(self) -> str:
         """The metric's name, as in files; "p^2 q^0.5" for exponents without a name."""
-        named = next((name for name, terms in METRICS.items() if terms == self.terms), None)
+        named = self.kernel or next((name for name, terms in METRICS.items() if terms == self.terms), None)
         return named or " ".join(
             f"{letter}^{power:g}"
             for letter, power in (("p", self.metric.alpha), ("q", self.metric.beta))
@@ -136,7 +150,7 @@ class Objective:
     @property
     def title(self) -> str:
         """Text for messages and figures: "E_pxq, norm l2"."""
-        return f"E_{self.name}, norm {self.norm}"
+        return f"{self.name if self.kernel else 'E_' + self.name}, norm {self.norm}"
 
     @property
     def metric(self) -> Metric:
@@ -145,8 +159,8 @@ class Objective:
         Raises:
             ValueError: there are several terms.
         """
-        term, *others = self.terms
-        if others:
+        term, *others = self.terms or (None,)
+        if others or term is None:
             raise ValueError(f"metric: got {self.name!r}, expected one product of E_p and E_q")
         return term
 
@@ -182,6 +196,8 @@ class Objective:
     @property
     def no_bound_because(self) -> str | None:
         """Why `lower_bound` has no bound, as text; None for E_p in any norm, E_q in L-inf, and their maximum."""
+        if self.kernel is not None:
+            return f"No lower bound is known for a mean of {self.name!r}."
         for term in self.terms:
             if term.beta and (term.alpha or not self.supremum):
                 kind = "a product of E_p and E_q" if term.alpha else f"E_q in L_{self.order:g}"

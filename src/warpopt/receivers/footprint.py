@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float
 from ..theory.light_frame import LightFrame
 from ..theory.light_space import LightDepth
 from .moments import Moments
+from .samples import Samples
 
 
 class Nearest(eqx.Module):
@@ -52,6 +53,7 @@ class Footprint(eqx.Module):
         empty: no receivers at all.
         flat: all receivers at one depth along Z_w, up to rounding: nothing to warp.
         grouped: whether some group has more than one receiver.
+        samples: for means over weighted receivers that have no moments.
 
     Example:
         >>> import warpopt
@@ -71,6 +73,7 @@ class Footprint(eqx.Module):
     empty: Bool[Array, ""]
     flat: Bool[Array, ""]
     grouped: bool = eqx.field(static=True, default=False)
+    samples: Samples | None = None
 
     def half_widths(self, eta: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """(largest (axis - x)/A, largest (x - axis)/A): the map's half widths on both sides of W's axis."""

@@ -11,6 +11,7 @@ from ..objective import Objective
 from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
 from .bins import BINS, bin_of, ends, extent_of, from_groups, grouped, with_moments
+from .cells import EXACT, with_samples
 from .footprint import Footprint
 from .profiles.binned import BinnedProfile, PointSet
 from .receivers import Receivers
@@ -64,17 +65,20 @@ class PointReceivers(Receivers):
         points = jnp.where(seen[:, None], points, jnp.array([0.0, 0.0, 1.0], points.dtype))
         d, x, z = frame.depth(points), frame.lateral(points), points[:, 2]
         h = frame.along_light(points)
-        if len(points) <= BINS:
+        exact = len(points) <= (BINS if objective.kernel is None else EXACT)
+        if exact:
             groups = grouped(seen, d, x, h, z, jnp.arange(len(points)), len(points))
         else:
             start, end = ends(seen, d)
             share = (d - start) / jnp.where(end > start, end - start, 1)
             groups = grouped(seen, d, x, h, z, bin_of(jnp.where(seen, share, 0)), BINS)
-        footprint = from_groups(groups, camera.near, len(points) > BINS)
+        footprint = from_groups(groups, camera.near, not exact)
         if objective.supremum:
             return footprint
         unit = jnp.where(seen.any(), jnp.where(seen, z, jnp.inf).min(), 1)
         weights = jnp.where(seen, weights, 0)
+        if objective.kernel is not None:
+            return with_samples(footprint, d, x, unit / z, weights, unit, objective)
         rows = tuple(_in_rows(v, fill) for v, fill in ((d, footprint.start), (z, unit), (weights, 0)))
         return with_moments(footprint, rows, lambda row: (row[0], unit / row[1], row[2]), unit, objective)
 

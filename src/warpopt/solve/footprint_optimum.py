@@ -15,7 +15,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .._numerics import horner
 from ..objective import Objective
@@ -23,6 +23,7 @@ from ..receivers.footprint import Footprint
 from ..receivers.moments import Moments
 from ..theory.light_space import LightDepth
 from .outcome import Outcome
+from .sample_norm import SampleNorm
 
 
 class Term(eqx.Module):
@@ -40,6 +41,12 @@ class Active(NamedTuple):
     receiver: Int[Array, ""]
     right: Int[Array, ""]
     left: Int[Array, ""]
+
+    def same_top(self, other: "Active") -> Bool[Array, ""]:
+        return (self.term == other.term) & (self.receiver == other.receiver)
+
+    def same_sides(self, other: "Active") -> Bool[Array, ""]:
+        return (self.right == other.right) & (self.left == other.left)
 
 
 class LogNorm(eqx.Module):
@@ -195,7 +202,7 @@ def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> FootprintOptimum:
         max_steps=256,
         throw=False,
     )
-    u, outcome, residual = _settled(log_norm, root.value, eps)
+    u, outcome, residual = settled(log_norm, root.value, eps)
     outcome = jnp.where(root.stats["converged"], outcome, Outcome.not_converged)
     u = jnp.where(inside, u, jnp.where(helps, lower, 0))
     outcome = jnp.where(inside, outcome, jnp.where(helps, Outcome.unbounded, Outcome.no_warp))
@@ -205,7 +212,7 @@ def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> FootprintOptimum:
     return FootprintOptimum(u, outcome, jnp.where(inside, residual, 0), margin)
 
 
-def _settled(log_norm: LogNorm, found: Array, eps: float) -> tuple[Array, Array, Array]:
+def settled(log_norm: LogNorm | SampleNorm, found: Array, eps: float) -> tuple[Array, Array, Array]:
     """(u, outcome, residual): one Newton step on the condition at the root, which carries the derivatives.
 
     The root finder's u is off by at most about sqrt(eps); the active candidates on both sides identify the condition.
@@ -213,8 +220,7 @@ def _settled(log_norm: LogNorm, found: Array, eps: float) -> tuple[Array, Array,
     fixed = jax.lax.stop_gradient(log_norm)
     reach = 4 * eps**0.5
     below, above = fixed.active(found - reach), fixed.active(found + reach)
-    same_top = (below.term == above.term) & (below.receiver == above.receiver)
-    same_sides = (below.right == above.right) & (below.left == above.left)
+    same_top, same_sides = below.same_top(above), below.same_sides(above)
 
     def step(gap, slope, usable):
         """-gap/slope with gap's derivative in the inputs, 0 where not usable."""
@@ -243,6 +249,6 @@ def _settled(log_norm: LogNorm, found: Array, eps: float) -> tuple[Array, Array,
     return u, outcome, jnp.abs(gap)
 
 
-def value_at(log_norm: LogNorm, u: Float[Array, ""]) -> Float[Array, ""]:
+def value_at(log_norm: LogNorm | SampleNorm, u: Float[Array, ""]) -> Float[Array, ""]:
     """The norm at u, differentiable in the footprint and in u."""
     return jnp.exp(log_norm.value(u, jax.lax.stop_gradient(log_norm.active(u))))

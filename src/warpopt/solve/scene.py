@@ -14,6 +14,8 @@ from ..theory.warp import Warp
 from ..views import SceneView, one_light
 from .footprint_optimum import LogNorm, Term, minimise, value_at
 from .outcome import Outcome
+from .sample_norm import SampleNorm
+from .sample_optimum import excess_of_cells, minimise_mean
 from .solution import SceneSolution
 
 
@@ -24,6 +26,8 @@ def refuse_scene(view: SceneView, objective: Objective) -> None:
         ValueError: several lights, a measure that the receivers do not support, an order without moments.
     """
     one_light(view).receivers.check(view.camera, view.light, objective)
+    if objective.kernel is not None:
+        return
     if not (objective.supremum or objective.blend_degree == round(objective.blend_degree)):
         raise ValueError(
             f"norm: got order {objective.order:g} over receivers, expected one with (2 alpha + beta) order an integer"
@@ -41,21 +45,28 @@ def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]
     frame = view.frame()
     footprint = view.receivers.footprint(view.camera, frame, objective)
     log_norm = _log_norm(footprint, frame, objective)
-    optimum = minimise(log_norm, min_eta)
-    value, unwarped = value_at(log_norm, optimum.log_eta), value_at(log_norm, jnp.zeros_like(optimum.log_eta))
-    excess = jnp.zeros_like(value)
-    # For an L_P norm of E_p the moments come from the individual receivers: grouping loses nothing.
-    if footprint.grouped and (objective.supremum or objective.has_beta):
-        best_case = eqx.tree_at(lambda n: n.footprint, log_norm, footprint.at_best())
-        least = value_at(best_case, minimise(best_case, min_eta).log_eta)
-        excess = jnp.where(least > 0, value / jnp.where(least > 0, least, 1) - 1, 0)
-        excess = jnp.where(excess > 0, excess, 0)
-    value, unwarped, excess = (jnp.where(footprint.empty, 0, v) for v in (value, unwarped, excess))
+    grouped = footprint.grouped and (objective.supremum or objective.has_beta or objective.kernel is not None)
+    best_case = eqx.tree_at(lambda n: n.footprint, log_norm, footprint.at_best()) if grouped else log_norm
+    zero = jnp.zeros_like(footprint.mu)
+    if isinstance(log_norm, SampleNorm):
+        optimum, lower = minimise_mean(log_norm, min_eta)
+        value = value_at(log_norm, optimum.log_eta)
+        gap = jnp.where(lower > 0, value / jnp.where(lower > 0, lower, 1) - 1, 0)
+        excess = excess_of_cells(log_norm, best_case, optimum.log_eta, min_eta) if footprint.grouped else zero
+    else:
+        optimum, gap = minimise(log_norm, min_eta), zero
+        value = value_at(log_norm, optimum.log_eta)
+        # For an L_P norm of E_p the moments come from the individual receivers: grouping loses nothing.
+        least = value_at(best_case, minimise(best_case, min_eta).log_eta) if grouped else value
+        excess = jnp.where(least > 0, value / jnp.where(least > 0, least, 1) - 1, 0) if grouped else zero
+    unwarped = value_at(log_norm, zero)
+    gap, excess = (jnp.where(v > 0, v, 0) for v in (gap, excess))
+    value, unwarped, excess, gap = (jnp.where(footprint.empty, 0, v) for v in (value, unwarped, excess, gap))
     finite = jnp.isfinite(value) & jnp.isfinite(optimum.log_eta)
     outcome = jnp.where(finite, optimum.outcome, Outcome.not_finite)
     log_eta = jnp.where(finite, optimum.log_eta, jnp.nan)
     warp = Warp(jnp.exp(log_eta), -jnp.expm1(log_eta), footprint.start, footprint.mu, jnp.ones((), bool))
-    return SceneSolution(warp, value, outcome, optimum.residual, optimum.margin, unwarped, excess, frame, footprint)
+    return SceneSolution(warp, value, outcome, optimum.residual, optimum.margin, unwarped, excess, gap, frame, footprint)
 
 
 @functools.partial(jax.jit, static_argnames=("objective",))
@@ -78,7 +89,13 @@ def norms_at(
     return jnp.where(footprint.empty, 0, values).reshape(eta.shape)
 
 
-def _log_norm(footprint: Footprint, frame: LightFrame, objective: Objective) -> LogNorm:
+def _log_norm(footprint: Footprint, frame: LightFrame, objective: Objective) -> LogNorm | SampleNorm:
+    if objective.kernel is not None:
+        along = jnp.where(footprint.flat, 0, footprint.mu) * frame.density_p / footprint.unit
+        across = frame.density_q / footprint.unit * jnp.ones_like(along)
+        scale = jnp.where(along > across, along, across)
+        parts = along / scale, across / scale, jnp.log(scale), frame.pixel_ratio
+        return SampleNorm(footprint, *parts, objective.kernel, objective.order)
     terms = tuple(_term(footprint, frame, metric, objective.supremum) for metric in objective.terms)
     return LogNorm(footprint, terms, None if objective.supremum else objective)
 

@@ -55,6 +55,8 @@ class SceneSolution(eqx.Module):
         unwarped: the norm without a warp.
         excess: bound on the regret due to conservative grouping of many points or pixels: `value` over a lower bound of
             the minimum for the individual receivers, minus 1. 0 where nothing is grouped.
+        gap: `value` over a lower bound of the norm for every eta in [min_eta, 1], minus 1, for a mean of "max", "edge" or
+            "band", which may have several local minima; 0 for all other norms, which are proved to have one.
         frame: W's axes.
         footprint: the receivers' extents.
 
@@ -74,6 +76,7 @@ class SceneSolution(eqx.Module):
     margin: Float[Array, ""]
     unwarped: Float[Array, ""]
     excess: Float[Array, ""]
+    gap: Float[Array, ""]
     frame: LightFrame
     footprint: Footprint
 

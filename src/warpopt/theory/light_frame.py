@@ -22,6 +22,7 @@ class LightFrame(eqx.Module):
         theta: angle between light and view, radians in [0, pi].
         parallel: whether Z_w is fixed to the screen's down axis.
         density_p, density_q: screen units per unit slope (x/z, y/z) along the screen images of Z_w and X_w.
+        pixel_ratio: a length on the screen along X_w's image over the same along Z_w's, in pixels; 1 for square pixels.
 
     Example:
         >>> import warpopt
@@ -38,6 +39,7 @@ class LightFrame(eqx.Module):
     parallel: Bool[Array, ""]
     density_p: Float[Array, ""]
     density_q: Float[Array, ""]
+    pixel_ratio: Float[Array, ""]
 
     def __init__(
         self,
@@ -82,8 +84,9 @@ class LightFrame(eqx.Module):
         self.theta = jnp.where(parallel, jnp.where(l[2] < 0, jnp.pi, 0.0), jnp.arctan2(sine, l[2]))
         self.parallel = parallel
         dx, dy = x_axis[0], x_axis[1]
-        self.density_q = jnp.sqrt((dx * width) ** 2 + (dy * height) ** 2) / t
-        self.density_p = jnp.sqrt((dy * width) ** 2 + (dx * height) ** 2) / s
+        across = jnp.sqrt((dx * width) ** 2 + (dy * height) ** 2)
+        along = jnp.sqrt((dy * width) ** 2 + (dx * height) ** 2)
+        self.density_q, self.density_p, self.pixel_ratio = across / t, along / s, across / along
 
     def depth(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
         """Z_w . c for points in eye coordinates."""

@@ -1,0 +1,96 @@
+"""The optimal warp for a mean over weighted receivers: found and proved by parabolas, then settled to the last digits."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .footprint_optimum import FootprintOptimum, settled, value_at
+from .outcome import Outcome
+from .sample_norm import SampleNorm
+from .weak_convexity import least
+
+
+class SampleOptimum(NamedTuple):
+    """The optimum, and a lower bound of the norm over [min_eta, 1]."""
+
+    optimum: FootprintOptimum
+    lower: Float[Array, ""]
+
+
+def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
+    """The global minimiser over [min_eta, 1].
+
+    The margin is d log(norm) / d log(eta) just below eta = 1; where it is positive a warp helps, but one may also help
+    where it is not, as the norm may have several local minima.
+    """
+    fixed = jax.lax.stop_gradient(norm)
+    dtype = fixed.footprint.mu.dtype
+    eps = float(jnp.finfo(dtype).eps)
+    floor = min_eta.astype(dtype)
+    found = least(fixed.touch, floor)
+    nothing = fixed.footprint.flat | fixed.footprint.empty | ~(found.value > 0)
+
+    def rise(u, _):
+        return fixed.slope(u, fixed.active(u)), None
+
+    noise = 16 * eps
+    last = jnp.asarray(-4 * eps**0.5, dtype)
+    lower = jnp.log(jnp.where(found.below > 0, found.below, floor))
+    upper = jnp.where(jnp.isfinite(found.above), jnp.log(jnp.where(jnp.isfinite(found.above), found.above, 1)), last)
+    upper = jnp.where(upper > last, last, upper)
+    margin = rise(last, None)[0]
+    # At an end of the range: the best node is the last, and the norm still falls towards it.
+    no_warp = (~jnp.isfinite(found.above) & ~(margin > noise)) | nothing
+    unbounded = (found.below == 0) & ~(rise(jnp.log(floor), None)[0] < 0) & ~no_warp
+    inside = ~no_warp & ~unbounded
+    middle = jnp.clip(jnp.log(found.eta), lower, upper)
+    import optimistix as optx  # see `positive_root`
+
+    from .bracketed_newton import BracketedNewton
+
+    root = optx.root_find(
+        lambda u, _: (jnp.where(inside, rise(u, None)[0] - noise, u - middle), None),
+        BracketedNewton(rtol=0.5 * eps**0.5, atol=0.0),
+        middle,
+        options={"lower": lower, "upper": upper},
+        has_aux=True,
+        max_steps=256,
+        throw=False,
+    )
+    u, outcome, residual = settled(norm, root.value, eps)
+    # Between its neighbours the best node may have a local minimum on either side of it: the node is kept if the one
+    # that the root finder came to is the worse.
+    better = value_at(fixed, jax.lax.stop_gradient(u)) <= value_at(fixed, jnp.log(found.eta)) * (1 + noise)
+    outcome = jnp.where(better, outcome, Outcome.not_converged)
+    u = jnp.where(inside, jnp.where(better, u, jnp.log(found.eta)), jnp.where(unbounded, jnp.log(floor), 0))
+    outcome = jnp.where(inside, outcome, jnp.where(unbounded, Outcome.unbounded, Outcome.no_warp))
+    outcome = jnp.where(fixed.footprint.flat, Outcome.flat, outcome)
+    outcome = jnp.where(fixed.footprint.empty, Outcome.empty, outcome).astype(jnp.int32)
+    residual, margin = jnp.where(inside, residual, 0), jnp.where(nothing, 0, margin)
+    least_sum = found.bounds.min()
+    bound = jnp.where(least_sum > 0, least_sum, 0) ** (1 / norm.order) * jnp.exp(fixed.log_scale)
+    return SampleOptimum(FootprintOptimum(u, outcome, residual, margin), bound)
+
+
+def excess_of_cells(norm: SampleNorm, best_case: SampleNorm, u: Array, min_eta: Array) -> Float[Array, ""]:
+    """Bound on the regret due to cells and grouped sides: the most that the individual receivers' norm may be at u over
+    the least that it may be anywhere, minus 1.
+
+    Args:
+        norm: what was minimised.
+        best_case: the same with the most favourable sides.
+        u: log of the eta that was found.
+        min_eta: the least eta that counts.
+    """
+    eta, floor = jnp.exp(u), min_eta.astype(u.dtype)
+    most = norm.corner_mean(eta)
+    found = least(best_case.touch, floor)
+    # The loss falls as eta rises: it is taken at two places, so that small eta, which are bad, do not count.
+    half = jnp.where(eta / 2 > floor, eta / 2, floor)
+    loss = jnp.where(found.starts < half, best_case.covariance_loss(floor), best_case.covariance_loss(half))
+    fewest = (found.bounds * jnp.where(loss < 1, 1 - loss, 0)).min()
+    ratio = jnp.where(fewest > 0, most / jnp.where(fewest > 0, fewest, 1), jnp.inf)
+    ratio = jnp.where(most > 0, ratio, 1)
+    return jnp.where(ratio > 1, ratio, 1) ** (1 / norm.order) - 1
