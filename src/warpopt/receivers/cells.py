@@ -1,33 +1,56 @@
 """Samples of any number of receivers: one by one where they are few, else in cells.
 
-Cells are even in log depth and, across, in the slope at which the eye sees them, x over the distance from the eye.
+Depths are binned by the leading bits of delta + 1e-4 as a floating-point number, which is logarithmic to within a
+factor of 2 and costs a shift where a logarithm would take longer than all the rest of the sweep. Across, cells are even
+in the slope at which the eye sees them, x over the distance from the eye.
 """
+
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._numerics import power
 from ..objective import Objective
 from ..theory.light_space import LightDepth
-from .bins import bin_edges, bin_of
-from .footprint import Footprint
+from .footprint import Footprint, Sides
 from .samples import Corners, Samples
 
 EXACT = 4096
 """At most this many points are taken one by one."""
-_DEPTHS, _SLOPES = 256, 64
+_OFFSET = 1e-4
+_FINE_BITS, _CELL_BITS = 10, 4  # of the mantissa: depths per octave, as powers of 2, for sides and for cells
+_SLOPES = 32
 _LEAST_START = 0.02  # of mu: where slopes are measured from if the receivers begin at the eye's depth or behind it
+
+
+def _key(delta: Array) -> Int[Array, "..."]:
+    """The leading bits of delta + 1e-4."""
+    shifted = jax.lax.stop_gradient(delta + _OFFSET).astype(jnp.float32)
+    return jax.lax.bitcast_convert_type(shifted, jnp.int32) >> (23 - _FINE_BITS)
+
+
+_LEAST_KEY, _LARGEST_KEY = (
+    int(np.float32(value).view(np.int32)) >> (23 - _FINE_BITS) for value in (_OFFSET, 1 + _OFFSET)
+)
+_COARSER = _FINE_BITS - _CELL_BITS
+_FIRST_CELL = _LEAST_KEY >> _COARSER
+_SIDES, _DEPTHS = _LARGEST_KEY - _LEAST_KEY + 1, (_LARGEST_KEY >> _COARSER) - _FIRST_CELL + 1
+
+
+def _edges(first: int, count: int, bits: int, dtype) -> np.ndarray:
+    """(count + 1,) delta at the bins' edges, lowered by the rounding of `_key`."""
+    shifted = (np.arange(first, first + count + 1, dtype=np.int32) << (23 - bits)).view(np.float32).astype(float)
+    return np.clip(shifted * (1 - 2.0**-23) - _OFFSET, 0, 1).astype(dtype)
 
 
 def with_samples(
     footprint: Footprint,
-    d: Float[Array, " N"],
-    x: Float[Array, " N"],
-    nearness: Float[Array, " N"],
-    weights: Float[Array, " N"],
+    rows: PyTree,
+    receivers_of: Callable[[PyTree], tuple[Array, Array, Array, Array, Array]],
     unit: Float[Array, ""],
     objective: Objective,
 ) -> Footprint:
@@ -35,57 +58,107 @@ def with_samples(
 
     Args:
         footprint: of all receivers that must fit into the map.
-        d, x: Z_w . c and X_w . c of each receiver; anything finite where the weight is 0.
-        nearness: `unit` / z.
-        weights: >= 0; 0 for what is not seen.
+        rows: arrays whose leading axis is the row.
+        receivers_of: gives (Z_w . c, X_w . c, `unit` / z, weight, whether it must fit into the map) of one row's
+            receivers; anything finite for those that need not.
         unit: the least eye depth of all.
         objective: gives the order P of the mean.
     """
-    scale = jnp.where(footprint.flat, 0, 1 / footprint.mu)
-    there = weights > 0
-    depth = LightDepth(
-        jnp.where(there, (d - footprint.start) * scale, 0),
-        jnp.where(there & ~footprint.flat, (footprint.start + footprint.mu - d) * scale, 1),
-    )
-    # Rounding may put the first or the last receiver outside of [0, 1] by eps.
-    depth = LightDepth(*(jnp.where(part < 0, 0, part) for part in (depth.delta, depth.one_minus_delta)))
-    lateral = jnp.where(there, jnp.abs(x - footprint.axis) * scale, 0)
-    mass = weights.sum()
-    weight = weights / jnp.where(mass > 0, mass, 1) * power(jnp.where(there, nearness, 0), objective.order)
-    if len(d) <= EXACT:
-        samples = Samples(depth, lateral, weight, None)
+    shape = jax.eval_shape(jax.vmap(receivers_of), rows)[0]
+    if shape.size <= EXACT:
+        samples = _one_by_one(footprint, *(v.ravel() for v in jax.vmap(receivers_of)(rows)), objective)
     else:
-        samples = _in_cells(depth, lateral, weight, footprint.start * scale)
-    return eqx.tree_at(
-        lambda f: (f.samples, f.unit), footprint, (samples, unit), is_leaf=lambda leaf: leaf is None
-    )
+        samples, sides = _in_cells(footprint, rows, receivers_of, objective, shape.dtype)
+        footprint = eqx.tree_at(lambda f: f.sides, footprint, sides)
+    return eqx.tree_at(lambda f: (f.samples, f.unit), footprint, (samples, unit), is_leaf=lambda leaf: leaf is None)
 
 
-def _in_cells(depth: LightDepth, lateral: Array, weight: Array, start: Array) -> Samples:
-    offset = jax.lax.stop_gradient(jnp.where(start > _LEAST_START, start, _LEAST_START)).astype(lateral.dtype)
-    edges = bin_edges(_DEPTHS).astype(lateral.dtype)
-    slope = jax.lax.stop_gradient(lateral / (depth.delta + offset))
-    width = jnp.where(weight > 0, slope, 0).max() / _SLOPES
-    width = jnp.where(width > 0, width, 1)
-    row = bin_of(depth.delta, _DEPTHS)
-    column = jnp.clip((slope / width).astype(jnp.int32), 0, _SLOPES - 1)
+def _one_by_one(
+    footprint: Footprint, d: Array, x: Array, nearness: Array, weight: Array, seen: Array, objective: Objective
+) -> Samples:
+    scale = _scale(footprint)
+    # Rounding may put the first or the last receiver outside of [0, 1] by eps.
+    delta, rest = (
+        jnp.where(seen, jnp.where(part > 0, part, 0), end)
+        for part, end in (
+            ((d - footprint.start) * scale, 0), (jnp.where(footprint.flat, 1, (footprint.start + footprint.mu - d) * scale), 1)
+        )
+    )  # fmt: skip
+    lateral = jnp.where(seen, jnp.abs(x - footprint.axis) * scale, 0)
+    weight = jnp.where(seen, weight, 0)
+    share = weight * power(jnp.where(seen, nearness, 0), objective.order) / _positive(weight.sum())
+    return Samples(LightDepth(delta, rest), lateral, share, None)
+
+
+def _in_cells(
+    footprint: Footprint, rows: PyTree, receivers_of: Callable, objective: Objective, dtype
+) -> tuple[Samples, Sides]:
+    """(the cells' centroids, the sides by narrow ranges of depth), in one sweep that stores nothing but sums."""
+    scale, start, axis = _scale(footprint), footprint.start, footprint.axis
+    offset = jax.lax.stop_gradient(jnp.where(start * scale > _LEAST_START, start * scale, _LEAST_START))
+    old = footprint.sides
+    widest = jnp.where(old.right > old.left, old.right, old.left) * scale / (old.depth.delta + offset)
+    pitch = _positive(jax.lax.stop_gradient(widest.max())) / _SLOPES
+
+    def add(found: tuple[Array, Array, Array], row: PyTree) -> tuple[tuple[Array, Array, Array], None]:
+        sums, widths, mass = found
+        d, x, nearness, weight, seen = receivers_of(row)
+        delta = (d - start) * scale
+        delta = jnp.where(seen & (delta > 0), delta, 0)
+        across = jnp.where(seen, x - axis, 0)
+        lateral = jnp.abs(across) * scale
+        key = jnp.clip(_key(delta), _LEAST_KEY, _LARGEST_KEY)
+        slope = jax.lax.stop_gradient(lateral / ((delta + offset) * pitch)).astype(jnp.int32)
+        cell = ((key >> _COARSER) - _FIRST_CELL) * _SLOPES + jnp.clip(slope, 0, _SLOPES - 1)
+        weight = jnp.where(seen, weight, 0)
+        share = weight * power(nearness, objective.order)
+        moments = share, share * delta, share * lateral, share * delta * lateral
+        sums = sums.at[cell].add(jnp.stack(moments, -1), mode="promise_in_bounds")
+        both = jnp.stack([across, -across], -1)
+        return (sums, widths.at[key - _LEAST_KEY].max(both, mode="promise_in_bounds"), mass + weight), None
+
+    first = jax.eval_shape(receivers_of, jax.tree.map(lambda v: v[0], rows))[0]
+    nothing = jnp.zeros((_DEPTHS * _SLOPES, 4), dtype), jnp.zeros((_SIDES, 2), dtype), jnp.zeros(first.shape, dtype)
+    (sums, widths, mass), _ = jax.lax.scan(add, nothing, rows)
+    samples = _centroids(sums / _positive(mass.sum()), offset, pitch)
+    return samples, _finer(old, *widths.T)
+
+
+def _centroids(sums: Float[Array, "S 4"], offset: Array, pitch: Array) -> Samples:
+    edges = _edges(_FIRST_CELL, _DEPTHS, _CELL_BITS, sums.dtype)
     first, last = edges[:-1], edges[1:]
     # A cell's receivers lie between two slopes and two depths: a trapezoid, in this rectangle.
-    inner = np.arange(_SLOPES) * width * (first[:, None] + offset)
-    outer = np.arange(1, _SLOPES + 1) * width * (last[:, None] + offset)
-    which = row * _SLOPES + column
-    u = (depth.delta - jnp.asarray(first)[row]) / jnp.asarray(last - first)[row]
-    v = (lateral - inner.ravel()[which]) / (outer - inner).ravel()[which]
-    u, v = (jnp.clip(place, 0, 1) for place in (u, v))  # rounding
-    sums = jnp.zeros((_DEPTHS * _SLOPES, 4), lateral.dtype)
-    sums = sums.at[which].add(jnp.stack([weight, weight * u, weight * v, weight * u * v], 1))
+    inner = (np.arange(_SLOPES) * pitch * (first[:, None] + offset)).ravel()
+    outer = (np.arange(1, _SLOPES + 1) * pitch * (last[:, None] + offset)).ravel()
+    first, last = (np.repeat(edge, _SLOPES) for edge in (first, last))
+    depth, width = last - first, outer - inner
     total = sums[:, 0]
-    u, v, uv = (jnp.where(total > 0, part / jnp.where(total > 0, total, 1), 0.5) for part in sums[:, 1:].T)
-    near, far = (np.repeat(edge, _SLOPES) for edge in (first, last))
-    inner, outer = inner.ravel(), outer.ravel()
+    delta, lateral, both = (sums[:, i] / _positive(total) for i in (1, 2, 3))
+    u, v = (delta - first) / depth, (lateral - inner) / width
+    uv = (both - first * lateral - inner * delta + first * inner) / (depth * width)
+    u, v, uv = (jnp.where(total > 0, jnp.clip(place, 0, 1), 0.5) for place in (u, v, uv))  # rounding
 
-    def at(delta: Array) -> LightDepth:
-        return LightDepth(delta, 1 - delta)
+    def at(delta: Array | np.ndarray) -> LightDepth:
+        return LightDepth(jnp.asarray(delta), 1 - jnp.asarray(delta))
 
-    corners = Corners(at(jnp.asarray(near)), at(jnp.asarray(far)), inner, outer, u, v, uv)
-    return Samples(at(near + u * (far - near)), inner + v * (outer - inner), total, corners)
+    middle = jnp.where(total > 0, delta, (first + last) / 2), jnp.where(total > 0, lateral, (inner + outer) / 2)
+    return Samples(at(middle[0]), middle[1], total, Corners(at(first), at(last), inner, outer, u, v, uv))
+
+
+def _finer(old: Sides, right: Float[Array, " K"], left: Float[Array, " K"]) -> Sides:
+    """Sides by narrow ranges of depth, after the footprint's own, which keep only the extents along the light."""
+    edges = _edges(_LEAST_KEY, _SIDES, _FINE_BITS, right.dtype)
+    first, last = (LightDepth(jnp.asarray(e), 1 - jnp.asarray(e)) for e in (edges[:-1], edges[1:]))
+    none, infinite = jnp.zeros_like(old.right), jnp.full_like(right, jnp.inf)
+    finer = Sides(first, last, right, left, infinite, -infinite, (right, left))
+    kept = Sides(old.depth, old.farthest, none, none, old.light_least, old.light_largest, (none, none))
+    return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), kept, finer)
+
+
+def _scale(footprint: Footprint) -> Array:
+    return jnp.where(footprint.flat, 0, 1 / footprint.mu)
+
+
+def _positive(value: Array) -> Array:
+    """The value, or 1 where it is 0: a divisor."""
+    return jnp.where(value > 0, value, 1)

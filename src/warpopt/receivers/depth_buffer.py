@@ -15,9 +15,11 @@ from ..objective import Objective
 from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
 from .bins import BINS, Groups, bin_of, extent_of, from_groups, with_moments
+from .cells import with_samples
 from .footprint import Footprint
 from .profiles.binned import BinnedProfile, PointSet
 from .receivers import Receivers
+from .weights import Weights
 
 Encoding = Literal["linear", "standard", "reversed"]
 # Binning one value costs about as much as all other work for ten, so large buffers are first reduced to this many
@@ -29,17 +31,20 @@ _MIXED = 1.05  # far/near above which a cell is split in two
 class DepthBuffer(Receivers):
     """The pixels of a depth buffer rendered with the camera of the view; row 0 is the top of the screen.
 
-    Each pixel's centre is one receiver, all of equal weight: L_P norms are over the visible pixels. Background
-    pixels are not receivers.
+    Each pixel's centre is one receiver. Background pixels are not receivers.
 
     Args:
         depth: (H, W) or (H, W, 1); half precision is read as single.
         encoding: "linear", eye depth, with background at or beyond the far plane, infinite, 0 or negative; "standard",
             in [0, 1] with 0 at the near plane and background at 1; "reversed", in [0, 1] with 1 at the near plane and
             background at 0. The last two also work without a far plane (`Camera.far` inf).
+        weights: what each visible pixel counts for in an L_P norm: (H, W), >= 0, such as `warpopt.edge_weights` makes;
+            "uniform" (the default); or "depth", the eye depth. Norms inf are over all visible pixels, and the map holds
+            all, whatever their weight. If all are 0, weights are eye depths, and the solution's outcome says so.
+        lit: (H, W), which pixels the light reaches; others have the weight 0.
 
     Raises:
-        ValueError: for a wrong shape, NaN, or values outside the encoding's range.
+        ValueError: for a wrong shape, NaN, values outside the encoding's range, or a negative weight.
 
     Example:
         >>> import numpy as np, warpopt
@@ -54,9 +59,16 @@ class DepthBuffer(Receivers):
     one_at_a_time: ClassVar[bool] = True  # one pass uses all cores, and its cells take tens of megabytes
 
     depth: Float[Array, "H W"]
-    encoding: Encoding = eqx.field(static=True, default="linear")
+    encoding: Encoding = eqx.field(static=True)
+    weights: Weights
 
-    def __init__(self, depth: Numbers, encoding: Encoding = "linear"):
+    def __init__(
+        self,
+        depth: Numbers,
+        encoding: Encoding = "linear",
+        weights: Numbers | str | None = None,
+        lit: Numbers | None = None,
+    ):
         (depth,) = float_arrays(depth=depth)
         if depth.ndim == 3 and depth.shape[2] == 1:
             depth = depth[..., 0]
@@ -71,6 +83,7 @@ class DepthBuffer(Receivers):
         else:
             self.depth = checked("depth", depth, lambda d: (d >= 0) & (d <= 1), "numbers in [0, 1]")
         self.encoding = encoding
+        self.weights = Weights(weights, lit, depth.shape)
 
     def eye_depth(self, camera: Camera) -> Float[Array, "H W"]:
         """Eye depth of each pixel; inf for background."""
@@ -84,7 +97,7 @@ class DepthBuffer(Receivers):
 
     def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> BinnedProfile:
         """See `Receivers`."""
-        return BinnedProfile(_weighted(self, camera), frame, bins)
+        return BinnedProfile(_weighted(self, camera, objective.supremum), frame, bins)
 
     def _decoded(self, value: Array, camera: Camera) -> tuple[Array, Array]:
         """(which pixels are not background, eye depths, in [near, far] for all)."""
@@ -129,12 +142,27 @@ class DepthBuffer(Receivers):
         if objective.supremum:
             return footprint
         unit = jnp.where(footprint.empty, 1, near.min())
+        weights = None
+        if not self.weights.uniform:
+            weights, by_depth = self.weights.of(*self._decoded(self.depth, camera)[::-1])
+            footprint = footprint.weighted_by_depth(by_depth)
 
-        def receivers_of(row: tuple[Array, Array]) -> tuple[Array, Array, Array]:
-            seen, z, d = depths(row)
-            return jnp.where(seen, d, start), unit / z, seen.astype(z.dtype)
+        def weighed(row: tuple[tuple[Array, Array], Array | None]) -> tuple[Array, Array, Array, Array]:
+            buffer, weight = row
+            seen, z, d = depths(buffer)
+            return seen, jnp.where(seen, d, start), unit / z, seen.astype(z.dtype) if weight is None else weight
 
-        return with_moments(footprint, rows, receivers_of, unit, objective)
+        if objective.kernel is not None:
+            lean = frame.x_axis[0] * across
+
+            def samples_of(row: tuple[Any, Array]) -> tuple[Array, Array, Array, Array, Array]:
+                pixels, rise = row
+                seen, d, nearness, weight = weighed(pixels)
+                return d, (lean + rise) * (unit / nearness), nearness, weight, seen
+
+            rise = frame.x_axis[1] * up + frame.x_axis[2]
+            return with_samples(footprint, ((rows, weights), rise), samples_of, unit, objective)
+        return with_moments(footprint, (rows, weights), lambda row: weighed(row)[1:], unit, objective)
 
     def _cells(self, rows, depths) -> tuple[Array, Array, Array, Array]:
         """(least and largest Z_w . c of all pixels, least and largest eye depth of each cell; inf, -inf where empty).
@@ -235,11 +263,11 @@ def eye_points(buffer: DepthBuffer, camera: Camera) -> tuple[Float[Array, "H W 3
     return jnp.stack([z * across, z * up[:, None], z], -1), seen
 
 
-@jax.jit
-def _weighted(buffer: DepthBuffer, camera: Camera) -> PointSet:
+@functools.partial(jax.jit, static_argnames=("supremum",))
+def _weighted(buffer: DepthBuffer, camera: Camera, supremum: bool) -> PointSet:
     points, seen = eye_points(buffer, camera)
-    points = points.reshape(-1, 3)
-    return PointSet(points, seen.ravel().astype(points.dtype))
+    weights = seen.astype(points.dtype) if supremum else buffer.weights.of(points[..., 2], seen)[0]
+    return PointSet(points.reshape(-1, 3), weights.ravel())
 
 
 def _slopes(depth: Array, camera: Camera) -> tuple[Array, Array]:

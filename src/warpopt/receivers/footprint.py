@@ -54,6 +54,7 @@ class Footprint(eqx.Module):
         flat: all receivers at one depth along Z_w, up to rounding: nothing to warp.
         grouped: whether some group has more than one receiver.
         samples: for means over weighted receivers that have no moments.
+        depth_weighted: whether all weights were 0, so that receivers are weighted by z; None if there are no weights.
 
     Example:
         >>> import warpopt
@@ -74,6 +75,7 @@ class Footprint(eqx.Module):
     flat: Bool[Array, ""]
     grouped: bool = eqx.field(static=True, default=False)
     samples: Samples | None = None
+    depth_weighted: Bool[Array, ""] | None = None
 
     def half_widths(self, eta: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """(largest (axis - x)/A, largest (x - axis)/A): the map's half widths on both sides of W's axis."""
@@ -91,6 +93,10 @@ class Footprint(eqx.Module):
     def with_moments(self, moments: Moments, unit: Float[Array, ""]) -> "Footprint":
         """The same, for an L_P norm."""
         return eqx.tree_at(lambda f: (f.moments, f.unit), self, (moments, unit), is_leaf=lambda v: v is None)
+
+    def weighted_by_depth(self, fallback: Bool[Array, ""]) -> "Footprint":
+        """The same; `fallback` says whether all weights were 0."""
+        return eqx.tree_at(lambda f: f.depth_weighted, self, fallback, is_leaf=lambda leaf: leaf is None)
 
     def lost_where(self, endless: Bool[Array, ""]) -> "Footprint":
         """The same, or NaN where the receivers are unbounded, so that no finite result appears."""

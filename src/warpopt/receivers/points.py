@@ -1,5 +1,7 @@
 """Points as receivers."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,17 +17,19 @@ from .cells import EXACT, with_samples
 from .footprint import Footprint
 from .profiles.binned import BinnedProfile, PointSet
 from .receivers import Receivers
+from .weights import Weights
 
 
 class PointReceivers(Receivers):
     """Points, such as a sample of the visible surfaces.
 
-    Points outside the view frustum and points of weight 0 are ignored. No points at all are an empty scene.
-
+    Points outside the view frustum are ignored. No points at all are an empty scene.
 
     Args:
         points: (N, 3) in world space.
-        weights: (N,), >= 0; equal by default. The measure of an L_P norm; L-inf uses only their sign.
+        weights: (N,), >= 0, or "uniform" (the default) or "depth": what each point counts for in an L_P norm. Norms inf
+            are over all points, and the map holds all, whatever their weight. If all are 0, weights are eye depths.
+        lit: (N,), which points the light reaches; others have the weight 0.
 
     Raises:
         ValueError: for a wrong shape, NaN, infinite points, or a negative weight.
@@ -42,26 +46,18 @@ class PointReceivers(Receivers):
     """
 
     points: Float[Array, "N 3"]
-    weights: Float[Array, " N"]
+    weights: Weights
 
-    def __init__(self, points: Numbers, weights: Numbers | None = None):
+    def __init__(self, points: Numbers, weights: Numbers | str | None = None, lit: Numbers | None = None):
         (points,) = float_arrays(points=points)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError(f"points: got shape {points.shape}, expected (N, 3)")
-        weights = jnp.ones(len(points), points.dtype) if weights is None else weights
-        points, weights = float_arrays(points=points, weights=weights)
-        if weights.shape != points.shape[:1]:
-            raise ValueError(f"weights: got shape {weights.shape}, expected {points.shape[:1]}, one for each point")
         self.points = checked("points", points, lambda v: abs(v) < np.inf, "finite numbers")
-        self.weights = checked("weights", weights, lambda w: (w >= 0) & (w < np.inf), "finite numbers >= 0")
+        self.weights = Weights(weights, lit, points.shape[:1])
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`. Exact for at most `BINS` points, conservative for more (grouped)."""
-        world, weights = self.points, self.weights
-        if not len(world):  # empty: one point of weight 0
-            world, weights = jnp.zeros((1, 3), world.dtype), jnp.zeros((1,), world.dtype)
-        points = camera.to_eye(world)
-        seen = (weights > 0) & seen_from(camera, points)
+        points, seen = self._seen(camera)
         points = jnp.where(seen[:, None], points, jnp.array([0.0, 0.0, 1.0], points.dtype))
         d, x, z = frame.depth(points), frame.lateral(points), points[:, 2]
         h = frame.along_light(points)
@@ -76,26 +72,42 @@ class PointReceivers(Receivers):
         if objective.supremum:
             return footprint
         unit = jnp.where(seen.any(), jnp.where(seen, z, jnp.inf).min(), 1)
-        weights = jnp.where(seen, weights, 0)
+        weights, by_depth = self._weights(z, seen)
+        footprint = footprint.weighted_by_depth(by_depth)
         if objective.kernel is not None:
-            return with_samples(footprint, d, x, unit / z, weights, unit, objective)
+            fills = (d, footprint.start), (x, footprint.axis), (unit / z, 0), (weights, 0), (seen, False)
+            rows = tuple(_in_rows(v, fill) for v, fill in fills)
+            return with_samples(footprint, rows, lambda row: row, unit, objective)
         rows = tuple(_in_rows(v, fill) for v, fill in ((d, footprint.start), (z, unit), (weights, 0)))
         return with_moments(footprint, rows, lambda row: (row[0], unit / row[1], row[2]), unit, objective)
 
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """See `Receivers`."""
-        points = camera.to_eye(self.points)
-        return extent_of(points[:, 2], (self.weights > 0) & seen_from(camera, points))
+        points, seen = self._seen(camera)
+        return extent_of(points[:, 2], seen)
 
     def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> BinnedProfile:
         """See `Receivers`."""
-        return BinnedProfile(_weighted(self, camera), frame, bins)
+        return BinnedProfile(_weighted(self, camera, objective.supremum), frame, bins)
+
+    def _seen(self, camera: Camera) -> tuple[Array, Array]:
+        """(points in eye coordinates, at least one; which are in the view frustum)."""
+        if not len(self.points):
+            return jnp.ones((1, 3), self.points.dtype), jnp.zeros(1, bool)
+        points = camera.to_eye(self.points)
+        return points, seen_from(camera, points)
+
+    def _weights(self, z: Array, seen: Array) -> tuple[Array, Array]:
+        if not len(self.points):
+            return jnp.zeros_like(z), jnp.zeros((), bool)
+        return self.weights.of(z, seen)
 
 
-@jax.jit
-def _weighted(receivers: PointReceivers, camera: Camera) -> PointSet:
-    points = camera.to_eye(receivers.points)
-    return PointSet(points, jnp.where(seen_from(camera, points), receivers.weights, 0))
+@functools.partial(jax.jit, static_argnames=("supremum",))
+def _weighted(receivers: PointReceivers, camera: Camera, supremum: bool) -> PointSet:
+    points, seen = receivers._seen(camera)
+    weights = seen.astype(points.dtype) if supremum else receivers._weights(points[:, 2], seen)[0]
+    return PointSet(points, weights)
 
 
 def seen_from(camera: Camera, points: Float[Array, "N 3"]) -> Bool[Array, " N"]:

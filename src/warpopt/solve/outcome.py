@@ -28,6 +28,7 @@ class Outcome(enum.IntEnum):
     not_converged = 7
     inaccurate = 8
     not_finite = 9
+    depth_weighted = 10
 
     @property
     def sentence(self) -> str:
@@ -49,6 +50,7 @@ _SENTENCES = {
     Outcome.empty: "There are no receivers: nothing needs a shadow map.",
     Outcome.not_converged: "The root finder ran out of steps before its bracket closed.",
     Outcome.inaccurate: "The quadrature's error estimate exceeds its tolerance; the optimum is not certified.",
+    Outcome.depth_weighted: "All weights are 0 (no shadow edge is known): receivers were weighted by depth instead.",
     Outcome.not_finite: "The norm is not a finite number: far/near beyond 7.9e13, unbounded receivers, or NaN input.",
 }
 

@@ -63,7 +63,11 @@ def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]
     gap, excess = (jnp.where(v > 0, v, 0) for v in (gap, excess))
     value, unwarped, excess, gap = (jnp.where(footprint.empty, 0, v) for v in (value, unwarped, excess, gap))
     finite = jnp.isfinite(value) & jnp.isfinite(optimum.log_eta)
-    outcome = jnp.where(finite, optimum.outcome, Outcome.not_finite)
+    outcome = optimum.outcome
+    if footprint.depth_weighted is not None:
+        said = (outcome != Outcome.empty) & (outcome != Outcome.not_converged)
+        outcome = jnp.where(footprint.depth_weighted & said, Outcome.depth_weighted, outcome)
+    outcome = jnp.where(finite, outcome, Outcome.not_finite).astype(jnp.int32)
     log_eta = jnp.where(finite, optimum.log_eta, jnp.nan)
     warp = Warp(jnp.exp(log_eta), -jnp.expm1(log_eta), footprint.start, footprint.mu, jnp.ones((), bool))
     return SceneSolution(warp, value, outcome, optimum.residual, optimum.margin, unwarped, excess, gap, frame, footprint)

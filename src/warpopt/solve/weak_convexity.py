@@ -9,9 +9,9 @@ from jaxtyping import Array, Float
 
 from .sample_norm import Touch
 
-_FIRST = 33  # nodes, even in log(eta): E_p and E_q change by a factor of at most 1.33 between two for min_eta = 1e-4
-_TOGETHER = 8  # nodes added in one step
-_STEPS = 40
+_FIRST = 17  # nodes, even in log(eta): E_p and E_q change by a factor of at most 1.8 between two for min_eta = 1e-4
+_TOGETHER = 4  # nodes added in one step
+_STEPS = 80
 _TOLERANCE = 1e-6
 
 

@@ -1,0 +1,77 @@
+"""What each receiver of a set counts for in a mean. Everything seen must fit into the map, whatever its weight."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._checks import Numbers, checked, float_arrays, shown
+
+NAMED = ("uniform", "depth")
+
+
+class Weights(eqx.Module):
+    """Weights of receivers in a mean.
+
+    Args:
+        weights: an array of the given shape, >= 0; "uniform"; or "depth", the eye depth z, which stands for shadow
+            edges where none are known: they crowd in the distance. None means "uniform".
+        lit: which receivers the light reaches, of the same shape; others have the weight 0. None means all.
+        shape: of the set of receivers.
+
+    Raises:
+        ValueError: another word or shape, a negative weight, NaN or infinity, a mask that is neither boolean nor 0 or 1.
+    """
+
+    values: Float[Array, "..."] | None
+    lit: Bool[Array, "..."] | None
+    by_depth: bool = eqx.field(static=True)
+
+    def __init__(self, weights: Numbers | str | None, lit: Numbers | None, shape: tuple[int, ...]):
+        if isinstance(weights, str) and weights not in NAMED:
+            expected = ", ".join(map(repr, NAMED))
+            raise ValueError(f"weights: got {shown(weights)}, expected {expected} or an array of shape {shape}")
+        named = weights is None or isinstance(weights, str)
+        self.values = None if named else _weights(weights, shape)
+        self.by_depth = named and weights == "depth"
+        self.lit = None if lit is None else mask_of("lit", lit, shape)
+
+    @property
+    def uniform(self) -> bool:
+        return self.values is None and self.lit is None and not self.by_depth
+
+    def of(self, z: Float[Array, "..."], seen: Bool[Array, "..."]) -> tuple[Float[Array, "..."], Bool[Array, ""]]:
+        """(weights, 0 for what is not seen; whether they would all be 0, so that they are z instead).
+
+        Args:
+            z: eye depths; anything finite for what is not seen.
+            seen: which receivers are visible.
+        """
+        counted = seen if self.lit is None else seen & self.lit
+        base = z if self.by_depth else jnp.ones_like(z) if self.values is None else self.values.astype(z.dtype)
+        weights = jnp.where(counted, base, 0)
+        none = ~(weights > 0).any()
+        instead = jnp.where(counted.any(), counted, seen)
+        return jnp.where(none, jnp.where(instead, z, 0), weights), none & seen.any()
+
+
+def _weights(weights: Any, shape: tuple[int, ...]) -> Array:
+    weights = getattr(weights, "weights", weights)  # of an `EdgeWeights`
+    (weights,) = float_arrays(weights=weights)
+    if weights.shape != shape:
+        raise ValueError(f"weights: got shape {weights.shape}, expected {shape}, one for each receiver")
+    return checked("weights", weights, lambda w: (w >= 0) & (w < np.inf), "finite numbers >= 0")
+
+
+def mask_of(name: str, mask: Any, shape: tuple[int, ...] | None) -> Bool[Array, "..."]:
+    """A mask as booleans.
+
+    Raises:
+        ValueError: another shape, or values that are neither booleans nor 0 and 1.
+    """
+    (values,) = float_arrays(**{name: jnp.asarray(mask, float) if getattr(mask, "dtype", None) == bool else mask})
+    if shape is not None and values.shape != shape:
+        raise ValueError(f"{name}: got shape {values.shape}, expected {shape}")
+    return checked(name, values, lambda v: (v == 0) | (v == 1), "true or false, or 0 and 1") == 1
