@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from .._numerics import power
+from .._numerics import power, staged
 from ..objective import Objective
 from ..theory.light_space import LightDepth
 from .footprint import Footprint, Sides
@@ -59,22 +59,29 @@ def with_samples(
     Args:
         footprint: of all receivers that must fit into the map.
         rows: arrays whose leading axis is the row.
-        receivers_of: gives (Z_w . c, X_w . c, `unit` / z, weight, whether it must fit into the map) of one row's
-            receivers; anything finite for those that need not.
+        receivers_of: gives (Z_w . c, X_w . c, z, weight, whether it must fit into the map) of one row's receivers; for
+            those that need not, anything finite with z > 0 and weight 0.
         unit: the least eye depth of all.
         objective: gives the order P of the mean.
     """
     shape = jax.eval_shape(jax.vmap(receivers_of), rows)[0]
     if shape.size <= EXACT:
-        samples = _one_by_one(footprint, *(v.ravel() for v in jax.vmap(receivers_of)(rows)), objective)
+        samples = _one_by_one(footprint, *(v.ravel() for v in jax.vmap(receivers_of)(rows)), unit, objective)
     else:
-        samples, sides = _in_cells(footprint, rows, receivers_of, objective, shape.dtype)
+        samples, sides = _in_cells(footprint, rows, receivers_of, unit, objective)
         footprint = eqx.tree_at(lambda f: f.sides, footprint, sides)
     return eqx.tree_at(lambda f: (f.samples, f.unit), footprint, (samples, unit), is_leaf=lambda leaf: leaf is None)
 
 
 def _one_by_one(
-    footprint: Footprint, d: Array, x: Array, nearness: Array, weight: Array, seen: Array, objective: Objective
+    footprint: Footprint,
+    d: Array,
+    x: Array,
+    z: Array,
+    weight: Array,
+    seen: Array,
+    unit: Array,
+    objective: Objective,
 ) -> Samples:
     scale = _scale(footprint)
     # Rounding may put the first or the last receiver outside of [0, 1] by eps.
@@ -85,13 +92,12 @@ def _one_by_one(
         )
     )  # fmt: skip
     lateral = jnp.where(seen, jnp.abs(x - footprint.axis) * scale, 0)
-    weight = jnp.where(seen, weight, 0)
-    share = weight * power(jnp.where(seen, nearness, 0), objective.order) / _positive(weight.sum())
+    share = weight * power(unit / z, objective.order) / _positive(weight.sum())
     return Samples(LightDepth(delta, rest), lateral, share, None)
 
 
 def _in_cells(
-    footprint: Footprint, rows: PyTree, receivers_of: Callable, objective: Objective, dtype
+    footprint: Footprint, rows: PyTree, receivers_of: Callable, unit: Array, objective: Objective
 ) -> tuple[Samples, Sides]:
     """(the cells' centroids, the sides by narrow ranges of depth), in one sweep that stores nothing but sums."""
     scale, start, axis = _scale(footprint), footprint.start, footprint.axis
@@ -102,22 +108,24 @@ def _in_cells(
 
     def add(found: tuple[Array, Array, Array], row: PyTree) -> tuple[tuple[Array, Array, Array], None]:
         sums, widths, mass = found
-        d, x, nearness, weight, seen = receivers_of(row)
-        delta = (d - start) * scale
-        delta = jnp.where(seen & (delta > 0), delta, 0)
-        across = jnp.where(seen, x - axis, 0)
+        d, x, z, weight, seen = receivers_of(row)
+        # Products with 0 instead of selections, which would double the time of the sweep.
+        across = (x - axis) * seen.astype(x.dtype)
+        delta = jnp.maximum((d - start) * scale, 0)
         lateral = jnp.abs(across) * scale
         key = jnp.clip(_key(delta), _LEAST_KEY, _LARGEST_KEY)
-        slope = jax.lax.stop_gradient(lateral / ((delta + offset) * pitch)).astype(jnp.int32)
-        cell = ((key >> _COARSER) - _FIRST_CELL) * _SLOPES + jnp.clip(slope, 0, _SLOPES - 1)
-        weight = jnp.where(seen, weight, 0)
-        share = weight * power(nearness, objective.order)
+        slope = jax.lax.stop_gradient(lateral * (1 / pitch) / (delta + offset)).astype(jnp.int32)
+        cell = ((key >> _COARSER) - _FIRST_CELL) * _SLOPES + jnp.minimum(slope, _SLOPES - 1)
+        share = weight * power(unit / z, objective.order)
+        # Without the stage the compiler repeats all of this for each of the sums, which takes twice as long.
+        share, delta, lateral, cell, key, across = staged(lambda *v: v, share, delta, lateral, cell, key, across)
         moments = share, share * delta, share * lateral, share * delta * lateral
         sums = sums.at[cell].add(jnp.stack(moments, -1), mode="promise_in_bounds")
         both = jnp.stack([across, -across], -1)
         return (sums, widths.at[key - _LEAST_KEY].max(both, mode="promise_in_bounds"), mass + weight), None
 
     first = jax.eval_shape(receivers_of, jax.tree.map(lambda v: v[0], rows))[0]
+    dtype = first.dtype
     nothing = jnp.zeros((_DEPTHS * _SLOPES, 4), dtype), jnp.zeros((_SIDES, 2), dtype), jnp.zeros(first.shape, dtype)
     (sums, widths, mass), _ = jax.lax.scan(add, nothing, rows)
     samples = _centroids(sums / _positive(mass.sum()), offset, pitch)

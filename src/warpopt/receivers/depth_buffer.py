@@ -147,22 +147,25 @@ class DepthBuffer(Receivers):
             weights, by_depth = self.weights.of(*self._decoded(self.depth, camera)[::-1])
             footprint = footprint.weighted_by_depth(by_depth)
 
-        def weighed(row: tuple[tuple[Array, Array], Array | None]) -> tuple[Array, Array, Array, Array]:
-            buffer, weight = row
-            seen, z, d = depths(buffer)
-            return seen, jnp.where(seen, d, start), unit / z, seen.astype(z.dtype) if weight is None else weight
+        def weight_of(seen: Array, z: Array, weight: Array | None) -> Array:
+            return seen.astype(z.dtype) if weight is None else weight
 
         if objective.kernel is not None:
-            lean = frame.x_axis[0] * across
+            lean, rise = frame.x_axis[0] * across, frame.x_axis[1] * up + frame.x_axis[2]
 
-            def samples_of(row: tuple[Any, Array]) -> tuple[Array, Array, Array, Array, Array]:
-                pixels, rise = row
-                seen, d, nearness, weight = weighed(pixels)
-                return d, (lean + rise) * (unit / nearness), nearness, weight, seen
+            def samples_of(row: tuple[Any, Array | None, Array]) -> tuple[Array, Array, Array, Array, Array]:
+                pixels, weight, rise = row
+                seen, z, d = depths(pixels)
+                return d, z * (lean + rise), z, weight_of(seen, z, weight), seen
 
-            rise = frame.x_axis[1] * up + frame.x_axis[2]
-            return with_samples(footprint, ((rows, weights), rise), samples_of, unit, objective)
-        return with_moments(footprint, (rows, weights), lambda row: weighed(row)[1:], unit, objective)
+            return with_samples(footprint, (rows, weights, rise), samples_of, unit, objective)
+
+        def receivers_of(row: tuple[Any, Array | None]) -> tuple[Array, Array, Array]:
+            pixels, weight = row
+            seen, z, d = depths(pixels)
+            return jnp.where(seen, d, start), unit / z, weight_of(seen, z, weight)
+
+        return with_moments(footprint, (rows, weights), receivers_of, unit, objective)
 
     def _cells(self, rows, depths) -> tuple[Array, Array, Array, Array]:
         """(least and largest Z_w . c of all pixels, least and largest eye depth of each cell; inf, -inf where empty).

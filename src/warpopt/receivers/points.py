@@ -75,7 +75,7 @@ class PointReceivers(Receivers):
         weights, by_depth = self._weights(z, seen)
         footprint = footprint.weighted_by_depth(by_depth)
         if objective.kernel is not None:
-            fills = (d, footprint.start), (x, footprint.axis), (unit / z, 0), (weights, 0), (seen, False)
+            fills = (d, footprint.start), (x, footprint.axis), (z, unit), (weights, 0), (seen, False)
             rows = tuple(_in_rows(v, fill) for v, fill in fills)
             return with_samples(footprint, rows, lambda row: row, unit, objective)
         rows = tuple(_in_rows(v, fill) for v, fill in ((d, footprint.start), (z, unit), (weights, 0)))

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from .footprint_optimum import FootprintOptimum, settled, value_at
 from .outcome import Outcome
 from .sample_norm import SampleNorm
-from .weak_convexity import least
+from .weak_convexity import TOLERANCE, least
 
 
 class SampleOptimum(NamedTuple):
@@ -86,7 +86,7 @@ def excess_of_cells(norm: SampleNorm, best_case: SampleNorm, u: Array, min_eta: 
     """
     eta, floor = jnp.exp(u), min_eta.astype(u.dtype)
     most = norm.corner_mean(eta)
-    found = least(best_case.touch, floor)
+    found = least(best_case.touch, floor, 10 * TOLERANCE)
     # The loss falls as eta rises: it is taken at two places, so that small eta, which are bad, do not count.
     half = jnp.where(eta / 2 > floor, eta / 2, floor)
     loss = jnp.where(found.starts < half, best_case.covariance_loss(floor), best_case.covariance_loss(half))

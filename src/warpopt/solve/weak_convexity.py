@@ -12,7 +12,7 @@ from .sample_norm import Touch
 _FIRST = 17  # nodes, even in log(eta): E_p and E_q change by a factor of at most 1.8 between two for min_eta = 1e-4
 _TOGETHER = 4  # nodes added in one step
 _STEPS = 80
-_TOLERANCE = 1e-6
+TOLERANCE = 1e-6
 
 
 class Minimum(NamedTuple):
@@ -32,15 +32,18 @@ class Minimum(NamedTuple):
     bounds: Float[Array, " I"]
 
 
-def least(touch: Callable[[Float[Array, ""]], Touch], floor: Float[Array, ""]) -> Minimum:
-    """The least value over [floor, 1]: nodes are added where the bound is lowest, until it is within 1e-6 of the best.
+def least(
+    touch: Callable[[Float[Array, ""]], Touch], floor: Float[Array, ""], tolerance: float = TOLERANCE
+) -> Minimum:
+    """The least value over [floor, 1]: nodes are added where the bound is lowest, until it is close to the best value.
 
     Args:
         touch: at eta, a parabola value + slope (e - eta) - bend (e - eta)^2 that the function exceeds for every e.
         floor: in (0, 1).
+        tolerance: best value over bound, minus 1, at most; in single precision its rounding at least.
     """
     dtype = floor.dtype
-    tolerance = max(_TOLERANCE, 32 * float(jnp.finfo(dtype).eps))
+    tolerance = max(tolerance, 32 * float(jnp.finfo(dtype).eps))
     touches = jax.vmap(touch)
     room = _FIRST + _TOGETHER * _STEPS
     first = jnp.exp(jnp.linspace(1, 0, _FIRST, dtype=dtype) * jnp.log(floor)).at[-1].set(1)

@@ -73,7 +73,8 @@ def _atanh_over(t: Array) -> Array:
     square = t * t
     series = 1 + square * (1 / 3 + square * (1 / 5 + square * (1 / 7 + square * (1 / 9 + square / 11))))
     safe = jnp.where(small, 0.5, t)
-    return jnp.where(small, series, jnp.arctanh(safe) / safe)
+    # One logarithm of a quotient instead of arctanh's two: as exact where t is not small, and half the time.
+    return jnp.where(small, series, jnp.log((1 + safe) / (1 - safe)) / (2 * safe))
 
 
 def _length(x: Array, y: Array) -> Array:
