@@ -11,7 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jax.typing import ArrayLike
-from jaxtyping import Array
+from jaxtyping import Array, Float
+
+from ._words import shown
 
 Numbers = ArrayLike | Sequence[ArrayLike] | Sequence[Sequence[ArrayLike]]
 """What public functions take: a number, an array, or a list or table of numbers."""
@@ -28,20 +30,35 @@ def float_arrays(**named: Numbers) -> list[Array]:
         try:
             # JAX accepts None and the name of a dtype as a dtype.
             plain = value is None or isinstance(value, list | tuple | str | type)
-            values[name] = np.asarray(value) if plain else value
+            values[name] = (jnp if is_traced(value) else np).asarray(value) if plain else value
             dtype = jnp.result_type(values[name])
         except (TypeError, ValueError):
-            raise ValueError(f"{name}: got {value!r}, expected real numbers") from None
+            raise ValueError(f"{name}: got {shown(value)}, expected real numbers") from None
         if not (jnp.issubdtype(dtype, jnp.floating) or jnp.issubdtype(dtype, jnp.integer)):
             raise ValueError(f"{name}: got values of type {dtype}, expected real numbers")
     dtype = jnp.result_type(*values.values(), float)
-    return [jnp.asarray(value, dtype) for value in values.values()]
+    try:
+        return [jnp.asarray(value, dtype) for value in values.values()]
+    except OverflowError:  # Python's integers have no largest
+        name = next(name for name, value in values.items() if isinstance(value, int) and abs(value) > 2**63)
+        raise ValueError(f"{name}: got {shown(values[name])}, expected real numbers") from None
 
 
-def shown(value: Any) -> str:
-    """A value as text, or its type if the text is longer than a line."""
-    text = repr(value)
-    return text if len(text) <= 60 and "\n" not in text else type(value).__name__
+def floats_of(dtype: Any, **named: Numbers) -> list[Array]:
+    """The values as arrays of a given dtype; raises as `float_arrays`."""
+    return [value.astype(dtype) for value in float_arrays(**named)]
+
+
+def points_of(dtype: Any, name: str, points: Numbers) -> Float[Array, "... 3"]:
+    """The points as an array of a given dtype.
+
+    Raises:
+        ValueError: not real numbers, or no points of three.
+    """
+    (points,) = floats_of(dtype, **{name: points})
+    if points.shape[-1:] != (3,):
+        raise ValueError(f"{name}: got shape {points.shape}, expected (..., 3)")
+    return points
 
 
 def pair(name: str, value: Any, valid: Callable[[Any], Any], expected: str) -> tuple[float, float]:
@@ -52,7 +69,7 @@ def pair(name: str, value: Any, valid: Callable[[Any], Any], expected: str) -> t
     """
     try:
         one, other = map(float, value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         one = other = float("nan")
     if not (valid(one) and valid(other)):
         raise ValueError(f"{name}: got {shown(value)}, expected {expected}")
@@ -94,6 +111,16 @@ def joint_shape(**named: Array) -> tuple[int, ...]:
 def is_traced(*values: Any) -> bool:
     """Whether any of the values is known only at run time of a compiled program."""
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
+
+
+def refuse_traced(verb: str, *values: Any) -> None:
+    """Refuse traced values where a result is computed on the host.
+
+    Raises:
+        ValueError: some value is traced.
+    """
+    if is_traced(values):
+        raise ValueError(f"{verb}: got traced values, expected concrete ones: call it outside jax.jit, vmap and grad")
 
 
 _TRUSTED = contextvars.ContextVar("trusted", default=False)

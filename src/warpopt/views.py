@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from ._checks import Numbers, instance, shown
+from ._checks import Numbers, instance
+from ._words import shown
 from .objective import Objective, objective_or_default
 from .receivers.footprint import Footprint
 from .receivers.receivers import Receivers
@@ -162,15 +163,18 @@ def _footprint(view: SceneView, objective: Objective) -> tuple[Footprint, tuple[
     return footprint, extent
 
 
-def one_light(view: SceneView) -> SceneView:
+def one_light(view: SceneView, more: str = "use jax.vmap over more") -> SceneView:
     """The view.
+
+    Args:
+        more: what to do with several.
 
     Raises:
         ValueError: it has several lights or cameras.
     """
     for name, value in (("light", view.light.direction), ("camera", view.camera.position)):
         if value.ndim != 1:
-            raise ValueError(f"{name}: got shape {value.shape[:-1]}, expected one; use jax.vmap over more")
+            raise ValueError(f"{name}: got shape {value.shape[:-1]}, expected one; {more}")
     return view
 
 

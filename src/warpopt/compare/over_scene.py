@@ -14,7 +14,6 @@ from ..bound.lower_bound import lower_bound
 from ..objective import Objective
 from ..receivers.footprint import Footprint
 from ..rules.body import Body
-from ..solve.optimal_warp import checked_min_eta
 from ..solve.outcome import failed_on_host
 from ..solve.scene import norms_at, refuse_scene, solve_scene
 from ..solve.solution import SceneSolution
@@ -22,25 +21,30 @@ from ..theory.camera import DirectionalLight
 from ..theory.light_frame import LightFrame
 from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Extent, Warp
-from ..views import FrustumView, SceneView
+from ..views import FrustumView, SceneView, one_light
 from .comparison import Comparison
 from .rule_set import KNOWN, Rule, stacked, takes_body, warps_over
 
 _TOGETHER = 64  # lights in one batch
 
 
-def compare_over_scene(view: SceneView, rules: dict[str, Rule], objective: Objective, min_eta: float) -> Comparison:
-    """The comparison for every light of a view whose light has a leading axis.
+def compare_over_scene(
+    view: SceneView, rules: dict[str, Rule], objective: Objective, min_eta: Float[Array | np.ndarray, ""]
+) -> Comparison:
+    """The comparison for every light of a view, whose light may have a leading axis.
 
     Raises:
-        ValueError: a light without this axis, or a scene that cannot be solved.
+        ValueError: a light with more axes, or a scene that cannot be solved.
     """
+    if view.light.direction.ndim == 1:
+        view = eqx.tree_at(lambda v: v.light.direction, view, view.light.direction[None])
     if view.light.direction.ndim != 2 or not len(view.light.direction):
         raise ValueError(
-            f"light: got direction of shape {view.light.direction.shape}, expected (T, 3), as "
+            f"light: got direction of shape {view.light.direction.shape}, expected (3,), or (T, 3), as "
             "jax.vmap(warpopt.DirectionalLight)(directions) makes it"
         )
     count = len(view.light.direction)
+    one_light(_one_of(view, 0), "call compare_rules for each")
     refuse_scene(_one_of(view, 0), objective)
     lights = jax.tree.map(np.asarray, view.light)
     for k in range(count):  # receivers may accept only some lights
@@ -51,7 +55,7 @@ def compare_over_scene(view: SceneView, rules: dict[str, Rule], objective: Objec
     # One light at a time: a user's rule may require scalars.
     given = [warps_over(by_apex, jax.tree.map(lambda v, k=k: v[k], whole)) for k in range(count)] if by_apex else None
     apexes = None if given is None else stacked(given)
-    solution, eta, defined, values = _over_lights(view, whole, apexes, by_body, objective, checked_min_eta(min_eta))
+    solution, eta, defined, values = _over_lights(view, whole, apexes, by_body, objective, min_eta)
     order = [[*by_body, *by_apex].index(name) for name in rules]
     eta, defined, values = (np.asarray(v).T for v in (eta, defined, values))
     unwarped, eta, defined = values[-1], eta[order], defined[order]

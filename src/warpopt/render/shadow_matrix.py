@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._checks import Numbers, checked, float_arrays, instance, pair
+from .._words import flag, shown
 from ..objective import Objective
 from ..receivers.footprint import Footprint
 from ..solve.solution import SceneSolution, Solution, warp_of
@@ -29,6 +30,9 @@ class ClipSpace:
         reversed_z: the point nearest to the light has the largest z/w.
         row_vectors: for p M instead of M p: the matrix is transposed.
 
+    Raises:
+        ValueError: anything but True and False.
+
     Example:
         >>> ClipSpace.vulkan().y_down
         True
@@ -38,6 +42,10 @@ class ClipSpace:
     y_down: bool = False
     reversed_z: bool = False
     row_vectors: bool = False
+
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            flag(field.name, getattr(self, field.name))
 
     @classmethod
     def opengl(cls, *, reversed_z: bool = False, row_vectors: bool = False) -> "ClipSpace":
@@ -188,7 +196,7 @@ def _checked_clip_space(clip_space: ClipSpace | None) -> ClipSpace:
     if clip_space is None:
         return ClipSpace()
     if not isinstance(clip_space, ClipSpace):
-        raise ValueError(f"clip_space: got {clip_space!r}, expected a ClipSpace, such as ClipSpace.vulkan()")
+        raise ValueError(f"clip_space: got {shown(clip_space)}, expected a ClipSpace, such as ClipSpace.vulkan()")
     return clip_space
 
 

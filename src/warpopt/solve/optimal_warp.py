@@ -8,6 +8,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from .._checks import checked, float_arrays, joint_shape
+from .._words import flag, one_of, whole_number
 from ..objective import Objective, objective_or_default
 from ..theory.warp import Warp, refuse_lost
 from ..views import FrustumView, SceneView, refuse_other
@@ -15,6 +16,8 @@ from .chunks import in_blocks
 from .frusta import Method, norms_over_frusta, solve_and_compare, solve_frusta
 from .scene import norms_over_scene, refuse_scene, solve_scene
 from .solution import SceneSolution, Solution, raised, warp_of
+
+_MOST_NODES = 10_000  # Gauss nodes come from the eigenvalues of a matrix of their number
 
 
 @overload
@@ -72,6 +75,7 @@ def optimal_warp(
     """
     refuse_other(view)
     objective = objective_or_default(objective)
+    flag("throw", throw)
     how, min_eta = _checked_method(method, quadrature_nodes), checked_min_eta(min_eta)
     if isinstance(view, FrustumView):
         objective.metric  # noqa: B018, raises: one term
@@ -155,8 +159,7 @@ def checked_min_eta(min_eta: ArrayLike) -> Array | np.ndarray:
 
 
 def _checked_method(method: str, nodes: int | None) -> Method:
-    if method not in ("auto", "iterative"):
-        raise ValueError(f"method: got {method!r}, expected 'auto' or 'iterative'")
-    if nodes is not None and (isinstance(nodes, bool) or not isinstance(nodes, int) or nodes < 2):
-        raise ValueError(f"quadrature_nodes: got {nodes!r}, expected an integer >= 2, or None")
+    one_of("method", method, ("auto", "iterative"))
+    if nodes is not None:
+        whole_number("quadrature_nodes", nodes, 2, _MOST_NODES, ", or None")
     return Method(method == "iterative", nodes)

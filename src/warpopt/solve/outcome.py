@@ -49,7 +49,10 @@ _SENTENCES = {
     Outcome.empty: "There are no receivers: nothing needs a shadow map.",
     Outcome.not_converged: "The root finder ran out of steps before its bracket closed.",
     Outcome.inaccurate: "The quadrature's error estimate exceeds its tolerance; the optimum is not certified.",
-    Outcome.not_finite: "The norm is not a finite number: far/near beyond 7.9e13, unbounded receivers, or NaN input.",
+    Outcome.not_finite: (
+        "The norm is not a finite number: far/near beyond 7.9e13, unbounded receivers, exponents or an order so large "
+        "that it overflows, or NaN input."
+    ),
 }
 
 
