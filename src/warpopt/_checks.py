@@ -2,16 +2,18 @@
 
 import contextlib
 import contextvars
+import functools
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+from jax.experimental import checkify
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, PyTree
 
 from ._words import shown
 
@@ -123,7 +125,8 @@ def refuse_traced(verb: str, *values: Any) -> None:
         raise ValueError(f"{verb}: got traced values, expected concrete ones: call it outside jax.jit, vmap and grad")
 
 
-_TRUSTED = contextvars.ContextVar("trusted", default=False)
+_Way = Literal["raised", "trusted", "gathered"]
+_WAY: contextvars.ContextVar[_Way] = contextvars.ContextVar("way", default="raised")  # of a check of a traced value
 _SMALL = 1024  # entries: below this a comparison on the host is cheaper than one on the device
 
 
@@ -133,11 +136,28 @@ def trusted() -> Iterator[None]:
 
     A check of a traced value is a callback to the host, which prevents caching of the compiled program.
     """
-    token = _TRUSTED.set(True)
+    with _in_the_way("trusted"):
+        yield
+
+
+def gathered(function: Callable[[], PyTree]) -> tuple[Bool[Array, ""], PyTree]:
+    """(whether a check of a traced value failed in the function, what it returned), under `jax.jit`.
+
+    Without a callback to the host, which would end the program with JAX's own error.
+    """
+    with _in_the_way("gathered"):
+        error, result = checkify.checkify(function)()
+    flags = [leaf for leaf in jax.tree.leaves(error) if leaf.dtype == bool]
+    return functools.reduce(jnp.logical_or, flags, jnp.zeros((), bool)), result
+
+
+@contextlib.contextmanager
+def _in_the_way(way: _Way) -> Iterator[None]:
+    token = _WAY.set(way)
     try:
         yield
     finally:
-        _TRUSTED.reset(token)
+        _WAY.reset(token)
 
 
 def checked(name: str, value: Any, valid: Callable[..., Any], expected: str, *others: Any) -> Array:
@@ -156,13 +176,17 @@ def checked(name: str, value: Any, valid: Callable[..., Any], expected: str, *ot
     """
     arrays = value, *others
     traced = is_traced(arrays)
-    if traced and _TRUSTED.get():
+    if traced and _WAY.get() == "trusted":
         return value
     if not traced and all(array.size <= _SMALL for array in arrays):
         arrays = map(np.asarray, arrays)
     good = valid(*arrays)
     if traced:
-        return eqx.error_if(value, ~good, f"{name}: got a value out of range, expected {expected}")
+        words = f"{name}: got a value out of range, expected {expected}"
+        if _WAY.get() == "gathered":
+            checkify.check(jnp.all(good), words)
+            return value
+        return eqx.error_if(value, ~good, words)
     good = np.asarray(good)
     if not good.all():
         raise ValueError(f"{name}: got {np.asarray(value)[~good].flat[0]}, expected {expected}")

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 from .._checks import refuse_traced
 from .._words import whole_number
 from ..objective import Metric, Objective, objective_or_default
+from ..receivers.answers import profile_of
 from ..receivers.bins import BINS
 from ..receivers.profiles.profile import DepthProfile
 from ..solve.chunks import in_blocks
@@ -169,4 +170,4 @@ def _profile(view: SceneView, objective: Objective, bins: int) -> tuple[LightFra
     refuse_traced("lower bound over a scene", view)
     one_light(view, "call it for each").receivers.check(view.camera, view.light, objective)
     frame = _frame(view)
-    return frame, view.receivers.depth_profile(view.camera, frame, objective, bins)
+    return frame, profile_of(view.receivers, view.camera, frame, objective, bins)

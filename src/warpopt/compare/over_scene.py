@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from .._checks import assembled, trusted
 from ..bound.lower_bound import lower_bound
 from ..objective import Objective
+from ..receivers.answers import extent_of
 from ..receivers.footprint import Footprint
 from ..rules.body import Body
 from ..solve.outcome import failed_on_host
-from ..solve.scene import norms_at, refuse_scene, solve_scene
+from ..solve.scene import norms_at, settled_scene, solve_scene
 from ..solve.solution import SceneSolution
 from ..theory.camera import DirectionalLight
 from ..theory.light_frame import LightFrame
@@ -45,10 +46,9 @@ def compare_over_scene(
         )
     count = len(view.light.direction)
     one_light(_one_of(view, 0), "call compare_rules for each")
-    refuse_scene(_one_of(view, 0), objective)
-    lights = jax.tree.map(np.asarray, view.light)
+    on_host = eqx.tree_at(lambda v: v.light, view, jax.tree.map(np.asarray, view.light))
     for k in range(count):  # receivers may accept only some lights
-        view.receivers.check(view.camera, jax.tree.map(lambda v, k=k: v[k], lights), objective)
+        settled_scene(_one_of(on_host, k), objective)
     by_body = tuple(name for name, rule in rules.items() if takes_body(name, rule))
     by_apex = {name: rule for name, rule in rules.items() if name not in by_body}
     whole = _frusta(view)
@@ -118,7 +118,7 @@ def _over_lights(
 
 def _body(view: SceneView, footprint: Footprint | Extent, half_fov: Array) -> Body:
     """The body that rules receive; without receivers, its depths are the frustum's."""
-    extent, planes = view.receivers.depth_extent(view.camera), (view.camera.near, _far(view))
+    extent, planes = extent_of(view.receivers, view.camera), (view.camera.near, _far(view))
     there = extent[0] <= extent[1]
     near, far = (jnp.where(there, v, end) for v, end in zip(extent, planes, strict=True))
     return Body(near, far, half_fov, footprint.start, footprint.mu, *planes)
@@ -127,7 +127,7 @@ def _body(view: SceneView, footprint: Footprint | Extent, half_fov: Array) -> Bo
 def _far(view: SceneView) -> Array:
     """The camera's far plane, or the farthest receiver if there is none."""
     near, far = view.camera.near, view.camera.far
-    farthest = view.receivers.depth_extent(view.camera)[1]
+    farthest = extent_of(view.receivers, view.camera)[1]
     return jnp.where(far < jnp.inf, far, jnp.where(farthest > near, farthest, 2 * near))
 
 

@@ -11,11 +11,12 @@ from jaxtyping import Array, Float
 from .._checks import Numbers, checked, float_arrays, instance, pair
 from .._words import flag, shown
 from ..objective import Objective
+from ..receivers.answers import footprint_of
 from ..receivers.footprint import Footprint
 from ..solve.solution import SceneSolution, Solution, warp_of
 from ..theory.light_frame import LightFrame
 from ..theory.warp import Warp, refuse_lost
-from ..views import SceneView, one_light
+from ..views import SceneView, settled
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,7 +107,7 @@ def shadow_matrix(
     clip_space = _checked_clip_space(clip_space)
     padding = pair("padding", padding, lambda v: 0 <= v < 0.5, "two fractions in [0, 1/2)")
     instance("view", view, SceneView)
-    one_light(view).receivers.check(view.camera, view.light, None)
+    view = settled(view, None)
     warp = warp_of(warp)
     if warp.eta.ndim:
         raise ValueError(f"warp: got shape {warp.eta.shape}, expected one; use jax.vmap over more")
@@ -125,7 +126,7 @@ def _matrix(
     view: SceneView, warp: Warp, casters: Array | None, padding: Array, clip_space: ClipSpace
 ) -> tuple[Array, Array]:
     camera, frame = view.camera, view.frame()
-    footprint = view.receivers.footprint(camera, frame, Objective())
+    footprint = footprint_of(view.receivers, camera, frame, Objective())
     own = warp.over(footprint)
     eta = own.eta.astype(camera.position.dtype)
     reference, least, largest = _light_range(camera, frame, footprint, eta, casters)

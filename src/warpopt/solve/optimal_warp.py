@@ -14,7 +14,7 @@ from ..theory.warp import Warp, refuse_lost
 from ..views import FrustumView, SceneView, refuse_other
 from .chunks import in_blocks
 from .frusta import Method, norms_over_frusta, solve_and_compare, solve_frusta
-from .scene import norms_over_scene, refuse_scene, solve_scene
+from .scene import norms_over_scene, settled_scene, solve_scene
 from .solution import SceneSolution, Solution, raised, warp_of
 
 _MOST_NODES = 10_000  # Gauss nodes come from the eigenvalues of a matrix of their number
@@ -85,8 +85,7 @@ def optimal_warp(
             raise ValueError(
                 f"method, quadrature_nodes: got {method!r}, {quadrature_nodes!r}, expected the defaults for a scene"
             )
-        refuse_scene(view, objective)
-        solution = solve_scene(view, objective, min_eta)
+        solution = solve_scene(settled_scene(view, objective), objective, min_eta)
     return raised(solution) if throw else solution
 
 
@@ -125,8 +124,7 @@ def error_norm(
     else:
         if how != Method():
             raise ValueError(f"quadrature_nodes: got {quadrature_nodes!r}, expected None for a scene")
-        refuse_scene(view, objective)
-        values, lost = norms_over_scene(view, warp, objective)
+        values, lost = norms_over_scene(settled_scene(view, objective), warp, objective)
     refuse_lost(lost)
     return values
 

@@ -8,22 +8,24 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..objective import MOST_MOMENTS, Metric, Objective
+from ..receivers.answers import footprint_of
 from ..receivers.footprint import Footprint
 from ..theory.light_frame import LightFrame
 from ..theory.warp import Warp
-from ..views import SceneView, one_light
+from ..views import SceneView, one_light, settled
 from .footprint_optimum import LogNorm, Term, minimise, value_at
 from .outcome import Outcome
 from .solution import SceneSolution
 
 
-def refuse_scene(view: SceneView, objective: Objective) -> None:
-    """Refuse a scene that cannot be solved.
+def settled_scene(view: SceneView, objective: Objective) -> SceneView:
+    """The view, `settled` for a solve.
 
     Raises:
-        ValueError: several lights, a measure that the receivers do not support, an order without moments.
+        ValueError: several lights, a measure that the receivers do not support, an order without moments, an answer of
+            a user's receivers that none can have.
     """
-    one_light(view).receivers.check(view.camera, view.light, objective)
+    one_light(view)
     if not (objective.supremum or objective.blend_degree == round(objective.blend_degree)):
         raise ValueError(
             f"norm: got order {objective.order:g} over receivers, expected one with (2 alpha + beta) order an integer"
@@ -33,13 +35,14 @@ def refuse_scene(view: SceneView, objective: Objective) -> None:
             f"norm: got order {objective.order:g} over receivers, expected (2 alpha + beta) order at most "
             f"{MOST_MOMENTS}, or inf"
         )
+    return settled(view, objective)
 
 
 @functools.partial(jax.jit, static_argnames=("objective",))
 def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]) -> SceneSolution:
     """The optimum of one view."""
     frame = view.frame()
-    footprint = view.receivers.footprint(view.camera, frame, objective)
+    footprint = footprint_of(view.receivers, view.camera, frame, objective)
     log_norm = _log_norm(footprint, frame, objective)
     optimum = minimise(log_norm, min_eta)
     value, unwarped = value_at(log_norm, optimum.log_eta), value_at(log_norm, jnp.zeros_like(optimum.log_eta))
@@ -64,7 +67,7 @@ def norms_over_scene(
 ) -> tuple[Float[Array, "..."], Bool[Array, "..."]]:
     """(the norm of every warp over one view's receivers, whether the apex is not before them: NaN)."""
     frame = view.frame()
-    footprint = view.receivers.footprint(view.camera, frame, objective)
+    footprint = footprint_of(view.receivers, view.camera, frame, objective)
     own = warp.over(footprint)
     return norms_at(footprint, frame, objective, own.eta), warp.lost_over(own)
 
