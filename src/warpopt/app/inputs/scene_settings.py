@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -11,7 +12,7 @@ from pydantic import Field
 from warpopt.objective import METRICS, MOST_MOMENTS, Measure, Objective
 
 from ...scene_files.scene_camera import orientation
-from ..common.settings import Distinct, FileName, Norm, Positive, Section, listed
+from ..common.settings import Distinct, FileName, Norm, Positive, Section, listed, read_data, validated
 from .camera_settings import CameraConfig, Direction, Four, Resolution, Triple, Vector, exactly_one
 
 Index = Annotated[int, Field(ge=0)]
@@ -277,3 +278,14 @@ class SceneSettings(Section):
         """The aspect for cameras without one."""
         screen = self.objective.screen
         return screen[0] / screen[1] if screen else 1.0
+
+
+def read_settings(path: Path) -> SceneSettings:
+    """The scene of a TOML file of `warpopt scene`, without its [output].
+
+    Raises:
+        ConfigError: a file that is missing or not TOML, or invalid settings; a line for each error.
+    """
+    data = read_data(path, [])
+    data.pop("output", None)
+    return validated(SceneSettings, data, str(path))
