@@ -30,16 +30,16 @@ import numpy as np
 from provenance import provenance
 
 import warpopt
-from warpopt.app.common.settings import ConfigError, read_config
-from warpopt.app.inputs.scene_files import SceneInput, read_scene
+from warpopt.app.inputs import ConfigError, SceneInput, SceneSettings, read_scene, read_settings
 from warpopt.app.inputs.scene_values import under_light, views_of
-from warpopt.app.scene.settings import SceneConfig
 
 SHAPE = (9, 16)  # of every image that is solved, so that there is one compiled program for each kind
 MOST_LINES = 12
 MOST_TEXT = 1500
 _FOREIGN = ("Traceback", "Error", "<class", "Input ", "after validation", "pydantic", "numpy", "jax")
 _NUMBERS = [0.0, -1.0, 1.0, 0.5, 1e-3, 2.5, 1e3, 1e9, 1e30, 1e300, 1e-300, float("inf"), -float("inf"), float("nan")]
+_ORDERS = [2.0, 33.0]  # of E_p's norm over receivers: the largest with an answer, and a common one
+_LARGE_ORDERS = [33.5, 40.0, 70.0, 1e3, 1e300]
 _OTHERS = [True, False, "", "x", "inf", [], [0.0, 1.0], {}, 0, 1, -3, 7, 10**6]
 _KEYS = {
     "camera": {
@@ -58,12 +58,15 @@ _KEYS = {
 }  # fmt: skip
 
 
+_PINHOLE = {"fx", "fy", "cx", "cy", "image_size", "first_centre"}
+
+
 class Defect(Exception):
     """What must not be."""
 
 
-def base(random: np.random.Generator, kind: str) -> dict[str, Any]:
-    """A scene that is right."""
+def base(random: np.random.Generator, kind: str, document: dict[str, Any] | None) -> dict[str, Any]:
+    """A scene that is right, in one of some norms; a document's is seen whole, if the oracle can read it."""
     camera = {
         "position": [0.0, 2.0, 0.0], "forward": [0.0, -0.3, -1.0], "near": 0.5, "far": 200.0, "half_fov_deg": 22.0,
         "aspect": SHAPE[1] / SHAPE[0],
@@ -76,30 +79,46 @@ def base(random: np.random.Generator, kind: str) -> dict[str, Any]:
         else {"gltf": {"file": "a.gltf", "width": SHAPE[1]}},
     }
     if kind == "gltf":
-        camera["position"] = [0.0, 2.0, 6.0]
+        camera |= looking_at(document)
+    if random.random() < 0.15:
+        scene["objective"] = {"norms": [float(random.choice(_ORDERS if random.random() < 0.7 else _LARGE_ORDERS))]}
     if random.random() < 0.3:
         del camera["far"]
     return scene
 
 
+def looking_at(document: dict[str, Any] | None) -> dict[str, Any]:
+    """A camera's keys, for a view of a document's triangles from above their middle."""
+    try:
+        low, high = gltf_oracle.box(gltf_oracle.triangles(document))
+    except Exception:  # it trusts its input
+        low = high = np.zeros(3)
+    size = float(np.linalg.norm(high - low))
+    if not 0 < size < np.inf:
+        return {"position": [0.0, 2.0, 6.0]}
+    position = (low + high) / 2 + np.array([0.0, 0.5, 1.5]) * size
+    return {
+        "position": position.tolist(), "forward": [0.0, -0.3, -1.0], "near": size / 100, "far": 10 * size,
+    }  # fmt: skip
+
+
 def changed(random: np.random.Generator, scene: dict[str, Any], kind: str) -> dict[str, Any]:
     """Some keys added, replaced or taken away: half with what is meant for them."""
     tables = {"camera": scene["camera"], kind: scene["receivers"][kind], "light": scene["light"]}
-    for _ in range(random.choice([0, 0, 0, 1, 1, 2, 3])):
+    for _ in range(random.choice([0, 1, 2, 3], p=[0.65, 0.2, 0.1, 0.05])):
         name = str(random.choice(list(tables)))
         table, known = tables[name], _KEYS[name]
         if random.random() < 0.7:
             key = str(random.choice(list(known)))
             table[key] = copy.deepcopy(known[key][random.integers(len(known[key]))])
-            other = {"from_file": "direction", "direction": "from_file", "target": "forward"}.get(key)
-            if other and random.random() < 0.8:
-                table.pop(other, None)
-            if key in ("fx", "half_fov_x_deg", "window") and random.random() < 0.8:
-                table.pop("half_fov_deg", None)
-                if key != "half_fov_x_deg":
+            if random.random() < 0.9:  # with what belongs to it, without what it excludes
+                table.pop({"from_file": "direction", "target": "forward"}.get(key), None)
+                if key in _PINHOLE | {"half_fov_x_deg", "window"}:
+                    table.pop("half_fov_deg", None)
+                if key in _PINHOLE | {"window"}:
                     table.pop("aspect", None)
-                if key == "fx":
-                    table.update(fy=14.0, cx=8.0, cy=4.5)
+                if key in _PINHOLE:
+                    table |= {"fx": 14.0, "fy": 14.0, "cx": 8.0, "cy": 4.5} | table
         else:
             key = str(random.choice(list(table)))
             if random.random() < 0.3:
@@ -145,11 +164,8 @@ def attempt(seed: int, folder: Path) -> str:
     """
     random = np.random.default_rng(seed)
     kind = "depth" if seed % 2 else "gltf"
-    scene = changed(random, base(random, kind), kind)
     document = None
-    if kind == "depth":
-        np.save(folder / "a.npy", depth_values(random))
-    else:
+    if kind == "gltf":
         names = list(gltf_cases.MAKERS)
         document = gltf_cases.document(names[random.integers(len(names))])
         if random.random() < 0.5:
@@ -157,14 +173,24 @@ def attempt(seed: int, folder: Path) -> str:
         for _ in range(random.choice([0, 0, 0, 1, 2])):
             document = gltf_cases.mutated(document, random)
         (folder / "a.gltf").write_text(json.dumps(document))
-    (folder / "scene.toml").write_text(toml_of(scene | {"output": {"directory": str(folder / "out")}}))
+    right = base(random, kind, document)
+    if kind == "depth":
+        values = depth_values(random)
+        np.save(folder / "a.npy", values)
+        if values.dtype.kind in "iu" and random.random() < 0.8:
+            right["receivers"]["depth"]["scale"] = 0.1
+        if values.ndim == 2 and values.shape == SHAPE and values.dtype.kind == "f" and random.random() < 0.8:
+            right["receivers"]["depth"] |= {"nan_is_background": True} if np.isnan(values).any() else {}
+    scene = changed(random, right, kind)
+    (folder / "scene.toml").write_text(toml_of(scene))
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            config = read_config(folder / "scene.toml", [], SceneConfig)
+            config = read_settings(folder / "scene.toml")
             read = read_scene(config, folder)
             (view,) = views_of(config, read)
-            solution = warpopt.optimal_warp(under_light(view, 0), throw=False)
+            (objective,) = config.objective.objectives()
+            solution = warpopt.optimal_warp(under_light(view, 0), objective, throw=False)
             matrix = warpopt.shadow_matrix(under_light(view, 0), solution)
     except ConfigError as error:
         told = str(error)
@@ -187,11 +213,11 @@ def attempt(seed: int, folder: Path) -> str:
         return outcome.name
     if not np.isfinite(matrix).all():
         raise Defect("a warp whose matrix is not finite")
-    check_optimum(read, under_light(view, 0), solution, outcome)
+    check_optimum(read, under_light(view, 0), solution, outcome, objective.order)
     return "solved"
 
 
-def check_depth(config: SceneConfig, read: SceneInput, values: np.ndarray) -> None:
+def check_depth(config: SceneSettings, read: SceneInput, values: np.ndarray) -> None:
     """The eye depths that were read, against the conventions written out pixel by pixel."""
     asked, camera = config.receivers.depth, read.cameras[0]
     found = eye_depth(read)
@@ -230,7 +256,7 @@ def eye_depth(read: SceneInput) -> np.ndarray:
     return np.where(u > 0, camera.near / np.where(u > 0, share + u * (1 - share), 1), np.inf)
 
 
-def check_gltf(config: SceneConfig, read: SceneInput, document: dict[str, Any]) -> None:
+def check_gltf(config: SceneSettings, read: SceneInput, document: dict[str, Any]) -> None:
     """The box of the triangles, where the oracle can read the document and nothing was chosen."""
     asked = config.receivers.gltf
     if asked.include or asked.exclude:
@@ -247,8 +273,8 @@ def check_gltf(config: SceneConfig, read: SceneInput, document: dict[str, Any]) 
         raise Defect("the triangles are not where the oracle has them")
 
 
-def check_optimum(read: SceneInput, view: Any, solution: Any, outcome: Any) -> None:
-    """E_p in L-inf over the pixels, by brute force: the value at the optimum, and that no other eta has less.
+def check_optimum(read: SceneInput, view: Any, solution: Any, outcome: Any, order: float) -> None:
+    """E_p in L_order over the pixels, by brute force: the value at the optimum, and that no other eta has less.
 
     With Z_w the light's own, as world vectors, e = density mu A^2 / (z eta), A = eta + (1 - eta) delta.
     """
@@ -274,7 +300,10 @@ def check_optimum(read: SceneInput, view: Any, solution: Any, outcome: Any) -> N
     best = float(solution.warp.eta)
     etas = np.array([best, 1.0, 0.3, 0.01, best * 0.9, min(1.0, best * 1.1), *np.geomspace(1e-4, 1, 60)])
     blend = etas[:, None] + (1 - etas[:, None]) * delta
-    values = float(solution.frame.density_p) * (mu * blend**2 / (z * etas[:, None])).max(1)
+    errors = float(solution.frame.density_p) * mu * blend**2 / (z * etas[:, None])
+    values = errors.max(1)
+    if np.isfinite(order):
+        values = values * ((errors / values[:, None]) ** order).mean(1) ** (1 / order)
     # Groups of pixels bound theirs from above, by at most what the solution says.
     for reported, pixels in zip((float(solution.value), float(solution.unwarped)), values[:2], strict=True):
         if not pixels * (1 - 1e-6) <= reported <= pixels * (1 + float(solution.excess) + 1e-6):

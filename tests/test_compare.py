@@ -323,7 +323,7 @@ def test_bad_rules_are_refused_in_words(rules, words):
         warpopt.compare_rules(VIEW, rules)
 
 
-@pytest.mark.parametrize("theta", [[], [0.5, 0.2], [0.2, 0.2], 0.3, [[0.1, 0.2]], [-0.1, 0.2]])
+@pytest.mark.parametrize("theta", [[], [0.5, 0.2], [0.2, 0.2], [[0.1, 0.2]], [-0.1, 0.2]])
 def test_bad_directions_are_refused(theta):
     with pytest.raises(ValueError, match="theta: got"):
         warpopt.compare_rules(warpopt.FrustumView(FRUSTUM, theta), "ssm")

@@ -176,8 +176,8 @@ def test_the_fuzz_s_oracles_see_what_is_wrong(tmp_path, script, monkeypatch):
     seed = next(s for s in range(1, 400, 2) if shows_something(s))
     optimal = fuzz.warpopt.optimal_warp
 
-    def off(view, **options):
-        found = optimal(view, **options)
+    def off(view, objective, **options):
+        found = optimal(view, objective, **options)
         return dataclasses.replace(found, value=found.value * 1.5)
 
     monkeypatch.setattr(fuzz.warpopt, "optimal_warp", off)

@@ -10,6 +10,7 @@ import pytest
 import warpopt
 from warpopt import (
     Camera,
+    ClipSpace,
     DirectionalLight,
     FrustumView,
     Metric,
@@ -37,10 +38,16 @@ LIGHT = DirectionalLight((0.3, -1, -0.2))
 LIGHTS = jax.vmap(DirectionalLight)(np.array([[0.3, -1, -0.2], [0, -1, 0.1]]))
 SCENE = SceneView(CAMERA, LIGHT)
 SEVERAL = SceneView(CAMERA, LIGHTS)
+REDUCED = jax.vmap(lambda light: SceneView(CAMERA, light).reduced())(LIGHTS)
 WARP = Warp.from_eta(0.5, Extent(1.0, 99.0))
 MANY = Warp.from_eta([0.5, 0.4], Extent(1.0, 99.0))
 SOLUTION = optimal_warp(VIEW)
 FOUND = optimal_warp(SCENE)
+
+
+def moved(height):
+    """The scene from another height, which may be traced."""
+    return SceneView(Camera((0, height, 0), (0, -0.1, -1), (0, 1, 0), 1.0, 100.0, 0.45), LIGHT)
 
 
 class Case(NamedTuple):
@@ -110,7 +117,24 @@ CASES = [
             "footprint": SEVERAL.footprint, "reduced": SEVERAL.reduced,
         }.items()
     ),
-    Case("one light", lambda: compare_rules(SCENE, "tsm"), "light: got direction of shape (3,), expected (T, 3)"),
+    Case("lights of two axes", lambda: compare_rules(jax.tree.map(lambda v: v[None], SEVERAL), "tsm"),
+         "light: got direction of shape (1, 2, 3), expected (3,), or (T, 3)"),
+    Case("several reduced views", lambda: compare_rules(REDUCED, "tsm"), "camera: got shape (2,), expected one; call"),
+    Case("several reduced views: bound", lambda: lower_bound(REDUCED), "light: got shape (2,), expected one; call it"),
+    # what is computed on the host
+    *(
+        Case(f"traced {name}", lambda call=call: jax.jit(call)(1.0), words)
+        for name, call, words in (
+            ("lower_bound", lambda v: lower_bound(moved(v)), "lower bound over a scene: got traced values"),
+            ("lower_bound_map", lambda v: lower_bound_map(moved(v)).s, "lower bound over a scene: got traced values"),
+            ("lower_bound_map over a frustum", lambda v: lower_bound_map(FrustumView(FRUSTUM, v)).s,
+             "lower_bound_map: got traced values"),
+            ("compare_rules", lambda v: compare_rules(moved(v), "tsm").values, "compare_rules: got traced values"),
+            ("compare_rules over a frustum", lambda v: compare_rules(FrustumView(FRUSTUM, v), "tsm").values,
+             "compare_rules: got traced values"),
+            ("build_table", lambda v: build_table(ViewFrustum(v, 100.0, 0.5)).eta, "build_table: got traced values"),
+        )
+    ),
     Case("several frusta", lambda: compare_rules(FrustumView(ViewFrustum(1.0, [9, 9], 0.5), [1, 1.1])), "frustum: got"),
     Case("several warps", lambda: shadow_matrix(SCENE, MANY), "warp: got shape (2,), expected one"),
     Case("shapes", lambda: error_norm(FrustumView(FRUSTUM, np.ones(3)), MANY), "shapes: got frustum ()"),
@@ -143,6 +167,20 @@ CASES = [
         Case(f"aliasing_error(eta={eta})", lambda eta=eta: FOUND.aliasing_error(np.ones(3), eta=eta), "eta: got ")
         for eta in (0.0, -1.0, 1.5, NAN)
     ),
+    Case("aliasing_error of etas", lambda: FOUND.aliasing_error(np.ones(3), eta=[0.5, 1.0]), "eta: got shape (2,)"),
+    *(
+        Case(f"from_range_ratio({ratio})", lambda r=ratio: Warp.from_range_ratio(r, VIEW), "ratio: got ")
+        for ratio in (-1.0, NAN, math.inf, [1.0, -1.0], "far", None)
+    ),
+    Case("from_range_ratio defined", lambda: Warp.from_range_ratio(1.0, VIEW, "x"), "defined: got 'x'"),
+    *(
+        Case(f"{name} of no body", call, "body: got float")
+        for name, call in {
+            "from_range_ratio": lambda: Warp.from_range_ratio(1.0, 1.0), "over": lambda: WARP.over(1.0),
+        }.items()
+    ),
+    Case("strength", lambda: WARP.strength(1.0), "frustum: got 1.0"),
+    Case("endless body", lambda: Warp.from_eta(0.5, Extent(1.0, math.inf)), "mu: got inf"),
     Case("aliasing_error metric", lambda: FOUND.aliasing_error(np.ones(3), "r"), "metric: got 'r'"),
     # options of the solver
     *(
@@ -150,6 +188,7 @@ CASES = [
         for verb in (
             lambda v: optimal_warp(SCENE, min_eta=v),
             lambda v: compare_rules(SEVERAL, "tsm", min_eta=v),
+            lambda v: compare_rules(VIEW, "tsm", min_eta=v),
         )
         for value in (0.0, 1.0, -1.0, NAN, [0.1, 0.1], "small")
     ),
@@ -159,8 +198,34 @@ CASES = [
         Case(f"quadrature_nodes={v}", lambda v=v: optimal_warp(VIEW, quadrature_nodes=v), "quadrature_nodes: got")
         for v in (1, 2.5, True, "many")
     ),
-    *(Case(f"bins={v}", lambda v=v: lower_bound(SCENE, bins=v), "bins: got") for v in (0, 1.5, True, "many")),
-    *(Case(f"knots={v}", lambda v=v: lower_bound_map(SCENE, knots=v), "knots: got") for v in (0, 1.5, True, "many")),
+    *(
+        Case(f"bins={v} {type(view).__name__}", lambda view=view, v=v: lower_bound(view, bins=v), "bins: got")
+        for view in (SCENE, VIEW)
+        for v in (0, 1.5, True, "many", 10**400)
+    ),
+    *(
+        Case(f"knots={v}", lambda v=v: lower_bound_map(SCENE, knots=v), "knots: got")
+        for v in (0, 1.5, True, "many", 10**400, np.eye(2))
+    ),
+    *(
+        Case(f"throw={v!r} {type(view).__name__}", lambda view=view, v=v: optimal_warp(view, throw=v), "throw: got ")
+        for view in (SCENE, VIEW)
+        for v in ("x", None, 1, np.eye(2))
+    ),
+    *(
+        Case(f"{name} of what cannot be compared", call, f"{name}: got ndarray")
+        for name, call in {
+            "method": lambda: optimal_warp(VIEW, method=np.eye(2)),
+            "handedness": lambda: Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, 2.0, 0.5, handedness=np.eye(2)),
+            "looks_along": lambda: Camera.from_view_matrix(np.eye(4), 1.0, 2.0, 0.5, looks_along=np.eye(2)),
+            "encoding": lambda: DepthBuffer([[1.0]], np.eye(2)), "measure": lambda: Objective("p", "l2", np.eye(2)),
+            "language": lambda: warpopt.export_closed_form("p", np.eye(2)),
+            "prefix": lambda: warpopt.export_closed_form("p", "c", np.eye(2)),
+            "metric": lambda: warpopt.export_closed_form(np.eye(2), "c"),
+            "outside": lambda: build_table(FRUSTUM, max_regret=0.05).eta(1.0, outside=np.eye(2)),
+            "clip_space": lambda: shadow_matrix(SCENE, WARP, np.eye(2)),
+        }.items()
+    ),
     Case("max over a frustum", lambda: optimal_warp(VIEW, Objective("max")), "metric: got 'max'"),
     # rules
     *(
@@ -185,7 +250,33 @@ CASES = [
         for v in (5, (5,), (0, 5), (NAN, 5), "big", ("a", "b"))
     ),
     Case("texel_snap shape", lambda: texel_snap(np.eye(3), (4, 4)), "matrix: got shape (3, 3)"),
+    *(
+        Case(f"ClipSpace({name}={v!r})", lambda name=name, v=v: ClipSpace(**{name: v}), f"{name}: got ")
+        for name in ("z_zero_to_one", "y_down", "reversed_z", "row_vectors")
+        for v in ("x", 1, None)
+    ),
+    # cameras and points
+    *(
+        Case(f"window={v!r}", lambda v=v: Camera.off_centre((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, 2.0, v), "window: ")
+        for v in (None, 1.0, (0, 1, 2), WARP)
+    ),
+    *(
+        Case(f"{name}({v!r})", lambda call=call, v=v: call(v), f"{argument}: got ")
+        for name, argument, call in (
+            ("to_eye", "points", CAMERA.to_eye), ("aliasing_error", "eye_points", FOUND.aliasing_error),
+            ("coordinates", "eye_points", FOUND.coordinates),
+        )
+        for v in (None, "x", 1j, 1.0, [], [[]], np.ones((2, 2)), 10**400)
+    ),
+    *(Case(f"integers {v.dtype}", lambda v=v: DepthBuffer(v), f"depth: got integers ({v.dtype}), expected them scaled")
+      for v in (np.ones((2, 2), np.uint16), np.ones((2, 2), int), jax.numpy.ones((2, 2), int))),
+    Case("integers in a list", lambda: DepthBuffer([[1, 2]]), "depth: got integers"),
+    Case("huge near", lambda: ViewFrustum(10**400, 1.0, 0.5), "near: got a huge integer"),
     # objectives
+    Case("order beyond all", lambda: Objective(Metric(1e4, 1), 1e305), "norm: got order 1e+305 with Metric"),
+    Case("huge order", lambda: Objective("p", 10**400), "norm: got a huge integer"),
+    Case("huge exponents", lambda: Metric(1e308, 1e308), "metric: got Metric(alpha=1e+308, beta=1e+308)"),
+    Case("huge exponent", lambda: Metric(10**400, 0), "metric: got alpha = a huge integer"),
     *(Case(f"metric={v!r}", lambda v=v: Objective(v), "metric: got ") for v in ("r", 1.0, None, ["p"], Objective())),
     *(Case(f"norm={v!r}", lambda v=v: Objective("p", v), "norm: got ") for v in ("l3", 0.5, NAN, True, None, [2])),
     *(
@@ -210,6 +301,24 @@ CASES = [
     # AT09's functions and rules, which take a frustum
     Case("aliasing_error", lambda: warpopt.theory.aliasing_error(CAMERA, 1.0, WARP, 0.0, 2.0), "frustum: got Camera"),
     Case("aliasing_error warp", lambda: warpopt.theory.aliasing_error(FRUSTUM, 1.0, 0.5, 0.0, 2.0), "warp: got 0.5"),
+    Case("rules.tsm", lambda: warpopt.rules.tsm(None, 1.0), "frustum: got None"),
+    Case("rules.tsm kappa", lambda: warpopt.rules.tsm(FRUSTUM, 1.0, "x"), "kappa: got 'x'"),
+    Case("LightSpace", lambda: warpopt.theory.LightSpace(None, 1.0), "frustum: got None"),
+    Case("LightFrame", lambda: warpopt.theory.LightFrame(FRUSTUM, LIGHT), "camera: got ViewFrustum"),
+    Case("LightFrame light", lambda: warpopt.theory.LightFrame(CAMERA, CAMERA), "light: got Camera"),
+    *(
+        Case(name, call, words)
+        for name, call, words in (
+            ("aliasing_error y", lambda: warpopt.theory.aliasing_error(FRUSTUM, 1.0, WARP, "x", 2.0), "y: got 'x'"),
+            ("local z", lambda: warpopt.theory.local_aliasing_error(FRUSTUM, WARP, "x"), "z: got 'x'"),
+            ("local warp", lambda: warpopt.theory.local_aliasing_error(FRUSTUM, 0.5, 2.0), "warp: got 0.5"),
+            ("screen", lambda: warpopt.theory.screen_coordinates(CAMERA, 0.0, 0.0, 1.0), "frustum: got Camera"),
+            ("BoundMap", lambda: lower_bound_map(VIEW)("x"), "delta: got 'x'"),
+            ("BoundMap.load", lambda: warpopt.BoundMap.load(5), "path: got 5"),
+            ("LambdaTable.load", lambda: warpopt.LambdaTable.load(None), "path: got None"),
+            ("BoundMap.save", lambda: lower_bound_map(VIEW).save(5), "path: got 5"),
+        )
+    ),
     Case("rules.lispsm", lambda: warpopt.rules.lispsm(CAMERA, 1.0), "frustum: got Camera"),
 ]  # fmt: skip
 
@@ -227,6 +336,27 @@ def test_what_is_not_its_own_is_refused_in_one_sentence(case):
     assert "expected " in words
     assert "\n" not in words
     assert len(words) < 400
+
+
+def test_one_light_or_angle_is_a_list_of_one():
+    """Killed: a refusal, another number, a missing axis."""
+    one = SceneView(CAMERA, jax.tree.map(lambda v: v[:1], LIGHTS))
+    for single, listed in ((SCENE, one), (VIEW, FrustumView(FRUSTUM, [1.0]))):
+        got, expected = (compare_rules(view, ["psm", "tsm"]) for view in (single, listed))
+        assert got.values.shape == (2, 1)
+        for name in ("theta", "values", "unwarped", "bound", "eta", "ratio"):
+            np.testing.assert_array_equal(getattr(got, name), getattr(expected, name))
+
+
+def test_an_overflow_of_the_norm_is_told_with_the_other_reasons():
+    with pytest.raises(RuntimeError, match=r"an order so large that it overflows"):
+        optimal_warp(VIEW, Objective(Metric(1e4, 1)))
+
+
+def test_traced_numbers_may_stand_in_a_tuple():
+    """Killed: `np.asarray` of what is traced, and a message that says it is no number."""
+    got = jax.jit(lambda height: optimal_warp(moved(height), throw=False).value)(2.0)
+    np.testing.assert_allclose(got, FOUND.value, rtol=1e-13)
 
 
 def test_nothing_said_of_receivers_is_the_whole_frustum():

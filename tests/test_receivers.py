@@ -436,7 +436,7 @@ def test_gradients_are_those_of_the_whole_solve_and_finite_everywhere():
     (lambda: ConvexBody(np.zeros((2, 4))), "normals that are not zero"),
     (lambda: ConvexBody.box((0, 0, np.nan), (1, 1, 1)), "lower: got nan, expected numbers"),
     (lambda: Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), [1, 2], 3, 0.5), r"near: got shape \(2,\), expected a number"),
-    (lambda: Camera.off_centre((0, 0, 0), (0, 0, 1), (0, 1, 0), 1, 2, (0, 1, 2)), "window: got 3 numbers"),
+    (lambda: Camera.off_centre((0, 0, 0), (0, 0, 1), (0, 1, 0), 1, 2, (0, 1, 2)), r"window: got \(0, 1, 2\)"),
     (lambda: optimal_warp(SceneView(CAMERA, LIGHT, PointReceivers([[0.0, 0.0, -5.0]])), Objective("p", 34.0)),
      "order at most 66, or inf"),  # binomial coefficients beyond 64 bits ended in a traceback
     (lambda: optimal_warp(warpopt.FrustumView(warpopt.ViewFrustum(1.0, 9.0, 0.5), 1.0), min_eta=2.0),

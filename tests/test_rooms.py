@@ -1,5 +1,7 @@
 """The house: what may import what, and how full a room may be."""
 
+import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +16,19 @@ def test_imports_keep_to_the_floors():
         cwd=ROOT, capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     assert found.returncode == 0, found.stdout + found.stderr
+
+
+def test_experiments_use_public_names_only():
+    """Of the command line, what `app/common/__init__.py` and `app/inputs` name; nothing that begins with _."""
+    public = re.compile(r"cli|inputs(\.\w+)?|common|common\.(figure_style|error_maps|jax_settings)")
+    for path in (ROOT / "experiments").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [each.name for each in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                app = name.removeprefix("warpopt.app.")
+                assert app == name or public.fullmatch(app), f"{path.name}: {name}"
+                assert not re.match(r"warpopt(\.\w+)*\._", name), f"{path.name}: {name}"
 
 
 def test_no_room_is_too_full():

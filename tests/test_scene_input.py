@@ -3,13 +3,15 @@
 import json
 import subprocess
 import sys
+import types
+import typing
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scene_cases import BOX, CAMERA, HEIGHT, WIDTH, gltf, ground, invoke, run, toml
 
-from warpopt.app.common.settings import read_config
+from warpopt.app.common.settings import ConfigError, read_config, validated
 from warpopt.app.inputs.light_path import light_path
 from warpopt.app.inputs.scene_files import read_scene
 from warpopt.app.inputs.scene_settings import SceneLight
@@ -208,11 +210,70 @@ BAD = {
         ["objective.measure: got 'volume' with depth", "the pixels have weights"],
     ),
     "axis of a box": (toml(BOX, more="[objective]\nmeasure = 'axis'"), ["got 'axis' with box"]),
+    "eye axis of no matrix": (
+        toml(BOX, camera=CAMERA + "\nlooks_along = '+z'"), ["camera.0: got looks_along without view_matrix, expected"],
+    ),
+    "up beside a matrix": (
+        with_view("[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\nup = [0, 1, 0]"),
+        ["camera.0: got up with view_matrix, expected one or the other"],
+    ),
+    "true as a slope": (
+        toml(BOX, camera=CAMERA.partition("half_fov")[0] + "window = [-1, true, -1, 1]"),
+        ["camera.0.window.1: got True, expected a valid number"],
+    ),
+    "text as a slope": (
+        toml(BOX, camera=CAMERA.partition("half_fov")[0] + "window = ['-1', 1, -1, 1]"),
+        ["camera.0.window.0: got '-1', expected a valid number"],
+    ),
+    "true as a width": (toml("landscape = { width = true }"), ["landscape.width: got True, expected a valid integer"]),
+    "true as pixels": (
+        toml(BOX, more="[objective]\nscreen = [true, 9]\nshadow_map = [9, 9]"), ["objective.screen.0: got True"],
+    ),
+    "text as a flag": (
+        toml("depth = { files = 'good.npy', nan_is_background = 'yes' }"), ["got 'yes', expected true or false"],
+    ),
     "light of no file": (toml(BOX, light="from_file = true"), ["light.from_file: got one without receivers.gltf"]),
     "no light in the file": (
         toml("gltf = { file = 'endless.gltf' }", light="from_file = true"), ["got no directional light"],
     ),
 }  # fmt: skip
+
+
+def kinds_of(annotation: typing.Any) -> set[typing.Any]:
+    """What a field may be: the types of a union, and the tables of a list."""
+    if typing.get_origin(annotation) is typing.Annotated:
+        return kinds_of(typing.get_args(annotation)[0])
+    if typing.get_origin(annotation) in (typing.Union, types.UnionType):
+        return set().union(*map(kinds_of, typing.get_args(annotation)))
+    tables = typing.get_origin(annotation) is list and kinds_of(typing.get_args(annotation)[0])
+    return tables if tables and all(hasattr(kind, "model_fields") for kind in tables) else {annotation}
+
+
+def scalars_of(model: typing.Any) -> dict[str, set[typing.Any]]:
+    """The fields of a configuration and of the tables in it that hold a number or a flag, by their path."""
+    found = {}
+    for name, field in model.model_fields.items():
+        kinds = kinds_of(field.annotation)
+        found |= {name: kinds} if kinds & {int, float, bool} and str not in kinds else {}
+        for kind in kinds:
+            found |= (
+                {f"{name}.{inner}": v for inner, v in scalars_of(kind).items()} if hasattr(kind, "model_fields") else {}
+            )
+    return found
+
+
+@pytest.mark.parametrize("path", scalars_of(SceneConfig))
+def test_no_number_is_true_or_text_and_no_flag_is_a_number(path):
+    """Every field of a scene, as it is declared. Killed: a table that is not strict."""
+    *tables, key = path.split(".")
+    kinds = scalars_of(SceneConfig)[path]
+    for wrong in ("1", True) if bool not in kinds else ("yes", 1):
+        data = {key: wrong}
+        for table in reversed(tables):
+            data = {table: data}
+        with pytest.raises(ConfigError) as error:
+            validated(SceneConfig, data, "scene")
+        assert f"{key}: got {wrong!r}, expected" in str(error.value)
 
 
 @pytest.mark.parametrize("name", BAD)

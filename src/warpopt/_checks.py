@@ -2,16 +2,20 @@
 
 import contextlib
 import contextvars
+import functools
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+from jax.experimental import checkify
 from jax.typing import ArrayLike
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Float, PyTree
+
+from ._words import shown
 
 Numbers = ArrayLike | Sequence[ArrayLike] | Sequence[Sequence[ArrayLike]]
 """What public functions take: a number, an array, or a list or table of numbers."""
@@ -28,20 +32,35 @@ def float_arrays(**named: Numbers) -> list[Array]:
         try:
             # JAX accepts None and the name of a dtype as a dtype.
             plain = value is None or isinstance(value, list | tuple | str | type)
-            values[name] = np.asarray(value) if plain else value
+            values[name] = (jnp if is_traced(value) else np).asarray(value) if plain else value
             dtype = jnp.result_type(values[name])
         except (TypeError, ValueError):
-            raise ValueError(f"{name}: got {value!r}, expected real numbers") from None
+            raise ValueError(f"{name}: got {shown(value)}, expected real numbers") from None
         if not (jnp.issubdtype(dtype, jnp.floating) or jnp.issubdtype(dtype, jnp.integer)):
             raise ValueError(f"{name}: got values of type {dtype}, expected real numbers")
     dtype = jnp.result_type(*values.values(), float)
-    return [jnp.asarray(value, dtype) for value in values.values()]
+    try:
+        return [jnp.asarray(value, dtype) for value in values.values()]
+    except OverflowError:  # Python's integers have no largest
+        name = next(name for name, value in values.items() if isinstance(value, int) and abs(value) > 2**63)
+        raise ValueError(f"{name}: got {shown(values[name])}, expected real numbers") from None
 
 
-def shown(value: Any) -> str:
-    """A value as text, or its type if the text is longer than a line."""
-    text = repr(value)
-    return text if len(text) <= 60 and "\n" not in text else type(value).__name__
+def floats_of(dtype: Any, **named: Numbers) -> list[Array]:
+    """The values as arrays of a given dtype; raises as `float_arrays`."""
+    return [value.astype(dtype) for value in float_arrays(**named)]
+
+
+def points_of(dtype: Any, name: str, points: Numbers) -> Float[Array, "... 3"]:
+    """The points as an array of a given dtype.
+
+    Raises:
+        ValueError: not real numbers, or no points of three.
+    """
+    (points,) = floats_of(dtype, **{name: points})
+    if points.shape[-1:] != (3,):
+        raise ValueError(f"{name}: got shape {points.shape}, expected (..., 3)")
+    return points
 
 
 def pair(name: str, value: Any, valid: Callable[[Any], Any], expected: str) -> tuple[float, float]:
@@ -52,7 +71,7 @@ def pair(name: str, value: Any, valid: Callable[[Any], Any], expected: str) -> t
     """
     try:
         one, other = map(float, value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         one = other = float("nan")
     if not (valid(one) and valid(other)):
         raise ValueError(f"{name}: got {shown(value)}, expected {expected}")
@@ -96,7 +115,18 @@ def is_traced(*values: Any) -> bool:
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
 
 
-_TRUSTED = contextvars.ContextVar("trusted", default=False)
+def refuse_traced(verb: str, *values: Any) -> None:
+    """Refuse traced values where a result is computed on the host.
+
+    Raises:
+        ValueError: some value is traced.
+    """
+    if is_traced(values):
+        raise ValueError(f"{verb}: got traced values, expected concrete ones: call it outside jax.jit, vmap and grad")
+
+
+_Way = Literal["raised", "trusted", "gathered"]
+_WAY: contextvars.ContextVar[_Way] = contextvars.ContextVar("way", default="raised")  # of a check of a traced value
 _SMALL = 1024  # entries: below this a comparison on the host is cheaper than one on the device
 
 
@@ -106,11 +136,28 @@ def trusted() -> Iterator[None]:
 
     A check of a traced value is a callback to the host, which prevents caching of the compiled program.
     """
-    token = _TRUSTED.set(True)
+    with _in_the_way("trusted"):
+        yield
+
+
+def gathered(function: Callable[[], PyTree]) -> tuple[Bool[Array, ""], PyTree]:
+    """(whether a check of a traced value failed in the function, what it returned), under `jax.jit`.
+
+    Without a callback to the host, which would end the program with JAX's own error.
+    """
+    with _in_the_way("gathered"):
+        error, result = checkify.checkify(function)()
+    flags = [leaf for leaf in jax.tree.leaves(error) if leaf.dtype == bool]
+    return functools.reduce(jnp.logical_or, flags, jnp.zeros((), bool)), result
+
+
+@contextlib.contextmanager
+def _in_the_way(way: _Way) -> Iterator[None]:
+    token = _WAY.set(way)
     try:
         yield
     finally:
-        _TRUSTED.reset(token)
+        _WAY.reset(token)
 
 
 def checked(name: str, value: Any, valid: Callable[..., Any], expected: str, *others: Any) -> Array:
@@ -129,13 +176,17 @@ def checked(name: str, value: Any, valid: Callable[..., Any], expected: str, *ot
     """
     arrays = value, *others
     traced = is_traced(arrays)
-    if traced and _TRUSTED.get():
+    if traced and _WAY.get() == "trusted":
         return value
     if not traced and all(array.size <= _SMALL for array in arrays):
         arrays = map(np.asarray, arrays)
     good = valid(*arrays)
     if traced:
-        return eqx.error_if(value, ~good, f"{name}: got a value out of range, expected {expected}")
+        words = f"{name}: got a value out of range, expected {expected}"
+        if _WAY.get() == "gathered":
+            checkify.check(jnp.all(good), words)
+            return value
+        return eqx.error_if(value, ~good, words)
     good = np.asarray(good)
     if not good.all():
         raise ValueError(f"{name}: got {np.asarray(value)[~good].flat[0]}, expected {expected}")

@@ -4,11 +4,14 @@ import csv
 import hashlib
 import io
 import json
+import os
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+
+from ._words import shown
 
 Fields = Mapping[str, str | float]
 Columns = Mapping[str, np.ndarray]
@@ -18,6 +21,17 @@ class DataFileError(ValueError):
     """A file with wrong, incomplete or unreadable contents."""
 
 
+def path_of(path: str | Path) -> Path:
+    """The path.
+
+    Raises:
+        ValueError: not text and not a path.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise ValueError(f"path: got {shown(path)}, expected the name of a file")
+    return Path(path)
+
+
 def write_whole(path: str | Path, fields: Fields, columns: Columns) -> None:
     """Write a file in the format of its extension; equal contents give identical bytes.
 
@@ -25,7 +39,7 @@ def write_whole(path: str | Path, fields: Fields, columns: Columns) -> None:
         ValueError: an ending other than .npz, .csv and .json.
         OSError: the file cannot be written; an existing one is left unchanged.
     """
-    path = Path(path)
+    path = path_of(path)
     content = encoded(path, fields, columns)
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
         whole = Path(folder) / path.name
@@ -39,7 +53,7 @@ def encoded(path: str | Path, fields: Fields, columns: Columns) -> bytes:
     Raises:
         ValueError: an ending other than .npz, .csv and .json.
     """
-    path = Path(path)
+    path = path_of(path)
     make = {".npz": _npz, ".csv": _csv, ".json": _json}.get(path.suffix)
     if make is None:
         raise ValueError(f"path: got {path.name!r}, expected an ending of .npz, .csv or .json")

@@ -7,7 +7,9 @@ import contextlib
 import dataclasses
 import math
 import numbers
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
+
+from ._words import one_of, shown
 
 Measure = Literal["volume", "screen", "log_depth", "ground", "axis"]
 # dm = z^-m dx dy dz. volume: uniform over V; screen: uniform over screen and depth; log_depth: over screen and log
@@ -19,6 +21,14 @@ MOST_MOMENTS = 66
 compiling takes minutes."""
 
 _ORDERS = {"inf": math.inf, "l1": 1.0, "l2": 2.0}
+
+
+def _number(value: Any, kind: Any = numbers.Real) -> float:
+    """The number, NaN for what is none."""
+    if isinstance(value, kind) and not isinstance(value, bool):
+        with contextlib.suppress(ValueError, OverflowError):  # of Python's integers
+            return float(value)
+    return math.nan
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,11 +53,13 @@ class Metric:
     def __post_init__(self):
         for name in ("alpha", "beta"):
             value = getattr(self, name)
-            if isinstance(value, bool) or not (isinstance(value, numbers.Real) and 0 <= float(value) < math.inf):
-                raise ValueError(f"metric: got {name} = {value!r}, expected a finite number >= 0")
+            if not 0 <= _number(value) < math.inf:
+                raise ValueError(f"metric: got {name} = {shown(value)}, expected a finite number >= 0")
             object.__setattr__(self, name, float(value))
         if self.alpha == self.beta == 0:
             raise ValueError("metric: got alpha = beta = 0, expected at least one positive exponent")
+        if not math.isfinite(self.blend_power):
+            raise ValueError(f"metric: got {self}, expected a finite 2 alpha + beta")
 
     @property
     def blend_power(self) -> float:
@@ -81,8 +93,8 @@ class Objective:
 
     Attributes:
         terms: the metrics whose maximum is taken; a single one, except for "max"; none for "edge" and "band".
-        kernel: name of the size of a texel (`warpopt.theory.KERNELS`) whose mean over weighted receivers this is: "edge",
-            "band", or "max" in an L_P norm; None for all others, which need only extents or moments.
+        kernel: name of the size of a texel (`theory.KERNELS`) whose mean over weighted receivers this is: "edge", "band",
+            or "max" in an L_P norm; None for all others, which need only extents or moments.
         order: P of the norm, inf for the maximum over the receivers.
         measure: name of the measure of an L_P norm (see `Measure`). Receivers that are a set (points, pixels, a
             histogram) are weighted by their weights and accept only the default.
@@ -120,12 +132,15 @@ class Objective:
         object.__setattr__(self, "terms", terms)
         object.__setattr__(self, "order", order_of(norm))
         object.__setattr__(self, "kernel", metric if averaged or (len(terms) > 1 and not self.supremum) else None)
-        if measure not in get_args(Measure):
-            raise ValueError(f"measure: got {measure!r}, expected one of {', '.join(map(repr, get_args(Measure)))}")
+        one_of("measure", measure, get_args(Measure))
         object.__setattr__(self, "measure", measure)
         if averaged and self.supremum:
             raise ValueError(f"norm: got {norm!r}, expected 'l1', 'l2' or another finite order with metric {metric!r}")
         for term in terms if self.kernel is None else ():
+            if not self.supremum and not math.isfinite(term.blend_power * self.order):
+                raise ValueError(
+                    f"norm: got order {self.order:g} with {term}, expected a finite (2 alpha + beta) order"
+                )
             if term.beta > 0 and term.blend_power * self.order < 1:
                 raise ValueError(
                     f"norm: got order {self.order} with {term}, expected (2 alpha + beta) order >= 1: below that the "
@@ -218,8 +233,9 @@ def objective_or_default(objective: Objective | None) -> Objective:
     if objective is None:
         return Objective()
     if not isinstance(objective, Objective):
-        shown = repr(objective) if isinstance(objective, str | numbers.Real | Metric) else type(objective).__name__
-        raise ValueError(f"objective: got {shown}, expected a warpopt.Objective, such as Objective('pxq', 'l2')")
+        plain = isinstance(objective, str | numbers.Real | Metric)
+        got = shown(objective) if plain else type(objective).__name__
+        raise ValueError(f"objective: got {got}, expected a warpopt.Objective, such as Objective('pxq', 'l2')")
     return objective
 
 
@@ -233,14 +249,9 @@ def order_of(norm: str | float) -> float:
         >>> order_of("l2"), order_of(3), order_of("1.5")
         (2.0, 3.0, 1.5)
     """
-    order = math.nan
-    if isinstance(norm, str) and norm in _ORDERS:
-        order = _ORDERS[norm]
-    elif isinstance(norm, str | numbers.Real) and not isinstance(norm, bool):
-        with contextlib.suppress(ValueError):
-            order = float(norm)
+    order = _ORDERS[norm] if isinstance(norm, str) and norm in _ORDERS else _number(norm, str | numbers.Real)
     if not order >= 1:
-        raise ValueError(f"norm: got {norm!r}, expected 'inf', 'l1', 'l2' or a real order >= 1")
+        raise ValueError(f"norm: got {shown(norm)}, expected 'inf', 'l1', 'l2' or a real order >= 1")
     return order
 
 
@@ -254,5 +265,5 @@ def _terms(metric: str | Metric) -> tuple[Metric, ...]:
         return (metric,)
     if not isinstance(metric, str) or metric not in METRICS:
         names = ", ".join(map(repr, METRICS))
-        raise ValueError(f"metric: got {metric!r}, expected {names} or warpopt.Metric(alpha, beta)")
+        raise ValueError(f"metric: got {shown(metric)}, expected {names} or warpopt.Metric(alpha, beta)")
     return METRICS[metric]

@@ -8,8 +8,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from ._checks import Numbers, instance, shown
+from ._checks import Numbers, instance, is_traced
+from ._words import shown
 from .objective import Objective, objective_or_default
+from .receivers.answers import extent_if_any, footprint_of, refuse_answers, to_be_checked
 from .receivers.footprint import Footprint
 from .receivers.receivers import Receivers
 from .receivers.reduced import Reduced
@@ -123,11 +125,10 @@ class SceneView(eqx.Module):
         """The data of the receivers that a warp needs; for L-inf if no objective is given.
 
         Raises:
-            ValueError: an objective that the receivers do not support.
+            ValueError: an objective that the receivers do not support; an answer of your own kind that no receivers
+                can have.
         """
-        objective = objective_or_default(objective)
-        one_light(self).receivers.check(self.camera, self.light, objective)
-        return _footprint(self, objective)[0]
+        return _answers(self, objective_or_default(objective))[0]
 
     def reduced(self, objective: Objective | None = None) -> "SceneView":
         """The same view with its receivers reduced to their footprint, so that several calls share one pass over them.
@@ -139,11 +140,7 @@ class SceneView(eqx.Module):
             >>> warpopt.shadow_matrix(view, warpopt.optimal_warp(view)).shape
             (4, 4)
         """
-        objective = objective_or_default(objective)
-        one_light(self).receivers.check(self.camera, self.light, objective)
-        made, extent = _footprint(self, objective)
-        receivers = Reduced(made, self.camera, self.light, objective, type(self.receivers).__name__, extent)
-        return eqx.tree_at(lambda view: view.receivers, self, receivers)
+        return _reduced(self, objective_or_default(objective))
 
 
 def _of_dtype(parts: PyTree, dtype: Any) -> PyTree:
@@ -152,25 +149,56 @@ def _of_dtype(parts: PyTree, dtype: Any) -> PyTree:
     return eqx.combine(jax.tree.map(lambda leaf: leaf.astype(dtype), inexact), others)
 
 
+def settled(view: SceneView, objective: Objective | None) -> SceneView:
+    """The view, checked; receivers of a user's own kind reduced to what they answered, unless traced.
+
+    Args:
+        objective: None if only the receivers' extents are needed.
+
+    Raises:
+        ValueError: several lights, an objective that the receivers do not support, an answer that none can have.
+    """
+    if to_be_checked(view.receivers) and not is_traced(view):
+        return _reduced(view, objective)
+    one_light(view).receivers.check(view.camera, view.light, objective)
+    return view
+
+
+def _reduced(view: SceneView, objective: Objective | None) -> SceneView:
+    made, extent = _answers(view, objective)
+    kind = type(view.receivers).__name__
+    receivers = Reduced(made, view.camera, view.light, objective or Objective(), kind, extent)
+    return eqx.tree_at(lambda view: view.receivers, view, receivers)
+
+
+def _answers(view: SceneView, objective: Objective | None) -> tuple[Footprint, tuple[Array, Array] | None]:
+    """The footprint and, if the kind has one, the depth extent, checked."""
+    one_light(view).receivers.check(view.camera, view.light, objective)
+    objective = objective or Objective()
+    frame, made, extent = _asked(view, objective)
+    refuse_answers(view.receivers, view.camera, frame, objective, made, extent)
+    return made, extent
+
+
 @functools.partial(jax.jit, static_argnames=("objective",))
-def _footprint(view: SceneView, objective: Objective) -> tuple[Footprint, tuple[Array, Array] | None]:
-    footprint = view.receivers.footprint(view.camera, view.frame(), objective)
-    try:
-        extent = view.receivers.depth_extent(view.camera)
-    except ValueError:  # this kind has none; callers that need it raise
-        extent = None
-    return footprint, extent
+def _asked(view: SceneView, objective: Objective) -> tuple[LightFrame, Footprint, tuple[Array, Array] | None]:
+    frame = view.frame()
+    made = footprint_of(view.receivers, view.camera, frame, objective)
+    return frame, made, extent_if_any(view.receivers, view.camera)
 
 
-def one_light(view: SceneView) -> SceneView:
+def one_light(view: SceneView, more: str = "use jax.vmap over more") -> SceneView:
     """The view.
+
+    Args:
+        more: what to do with several.
 
     Raises:
         ValueError: it has several lights or cameras.
     """
     for name, value in (("light", view.light.direction), ("camera", view.camera.position)):
         if value.ndim != 1:
-            raise ValueError(f"{name}: got shape {value.shape[:-1]}, expected one; use jax.vmap over more")
+            raise ValueError(f"{name}: got shape {value.shape[:-1]}, expected one; {more}")
     return view
 
 

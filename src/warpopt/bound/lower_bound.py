@@ -5,7 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._checks import refuse_traced
+from .._words import whole_number
 from ..objective import Metric, Objective, objective_or_default
+from ..receivers.answers import profile_of
 from ..receivers.bins import BINS
 from ..receivers.profiles.profile import DepthProfile
 from ..solve.chunks import in_blocks
@@ -17,6 +20,7 @@ from .frustum_map import frustum_stretches
 from .map import BoundMap, running
 
 _KNOTS_OF_FRUSTUM, _KNOTS_OF_BODY = 96, 16
+_MOST = 1_000_000  # knots or bins
 
 
 def lower_bound(
@@ -46,8 +50,8 @@ def lower_bound(
         bins: number of depth bins for points and depth buffers.
 
     Raises:
-        ValueError: bad arguments, or no bound is known: E_q in L_P, a product of E_p and E_q, or receivers of a kind
-            that has no depth profile.
+        ValueError: bad arguments, a traced `SceneView`, or no bound is known: E_q in L_P, a product of E_p and E_q, or
+            receivers of a kind that has no depth profile.
 
     Example:
         >>> import warpopt
@@ -58,6 +62,7 @@ def lower_bound(
     """
     refuse_other(view)
     objective = objective_or_default(objective)
+    whole_number("bins", bins, 1, _MOST)
     if objective.no_bound_because:
         raise ValueError(f"objective: got {objective.title}, expected E_p in any norm or E_q in L-inf: "
                          f"{objective.no_bound_because}")  # fmt: skip
@@ -91,7 +96,7 @@ def lower_bound_map(
         bins: for points and depth buffers: the map is linear within each bin.
 
     Raises:
-        ValueError: bad arguments; no receivers, or all at one depth.
+        ValueError: bad arguments, a traced view; no receivers, or all at one depth.
 
     Example:
         >>> import warpopt
@@ -102,11 +107,13 @@ def lower_bound_map(
     """
     refuse_other(view)
     objective = objective_or_default(objective)
+    whole_number("bins", bins, 1, _MOST)
     if objective.terms != (Metric(1, 0),):
         raise ValueError(f"objective: got {objective.title}, expected E_p")
-    if knots is not None and (isinstance(knots, bool) or not isinstance(knots, int) or knots < 2):
-        raise ValueError(f"knots: got {knots!r}, expected an integer >= 2, or None")
+    if knots is not None:
+        whole_number("knots", knots, 2, _MOST, ", or None")
     if isinstance(view, FrustumView):
+        refuse_traced("lower_bound_map", view)
         return _over_frustum(view, objective, knots or _KNOTS_OF_FRUSTUM)
     frame, profile = _profile(view, objective, bins)
     stretches = profile.stretches(objective.order, knots or _KNOTS_OF_BODY)
@@ -160,8 +167,7 @@ def _frame(view: SceneView) -> LightFrame:
 
 
 def _profile(view: SceneView, objective: Objective, bins: int) -> tuple[LightFrame, DepthProfile]:
-    if isinstance(bins, bool) or not isinstance(bins, int) or bins < 1:
-        raise ValueError(f"bins: got {bins!r}, expected an integer >= 1")
-    one_light(view).receivers.check(view.camera, view.light, objective)
+    refuse_traced("lower bound over a scene", view)
+    one_light(view, "call it for each").receivers.check(view.camera, view.light, objective)
     frame = _frame(view)
-    return frame, view.receivers.depth_profile(view.camera, frame, objective, bins)
+    return frame, profile_of(view.receivers, view.camera, frame, objective, bins)

@@ -9,7 +9,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 from numpy.typing import NDArray
 
-from .._data_files import DataFileError, digest_of, encoded, read_fields, write_whole
+from .._checks import float_arrays
+from .._data_files import DataFileError, digest_of, encoded, path_of, read_fields, write_whole
 from ..objective import norm_name, order_of
 
 FORMAT = "warpopt.LimitMap 2"
@@ -55,6 +56,7 @@ class BoundMap(eqx.Module):
 
     def __call__(self, delta: ArrayLike) -> NDArray | np.floating:
         """s at any delta in [0, 1], by linear interpolation."""
+        (delta,) = float_arrays(delta=delta)
         return np.interp(np.asarray(delta, float), self.delta, self.s)
 
     def save(self, path: str | Path) -> None:
@@ -77,7 +79,7 @@ class BoundMap(eqx.Module):
         Raises:
             DataFileError (a ValueError): a file that is missing, truncated, edited or of another format.
         """
-        path = Path(path)
+        path = path_of(path)
         fields = read_fields(path, "map", _COLUMNS)
         try:
             return _checked(fields)

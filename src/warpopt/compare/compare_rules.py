@@ -1,6 +1,8 @@
 """Compares rules for lambda with the optimum and the lower bound, for frusta and scenes."""
 
+from .._checks import refuse_traced
 from ..objective import Objective, objective_or_default
+from ..solve.optimal_warp import checked_min_eta
 from ..views import FrustumView, SceneView, refuse_other
 from .comparison import Comparison
 from .over_frustum import compare_over_frustum
@@ -25,7 +27,8 @@ def compare_rules(
 
     Args:
         view: a `FrustumView` of one frustum and (T,) increasing angles; or a `SceneView` whose light has a leading
-            axis, as `jax.vmap(DirectionalLight)` makes it from (T, 3): directions in any order.
+            axis, as `jax.vmap(DirectionalLight)` makes it from (T, 3): directions in any order. One angle, or one
+            light, is T = 1.
         rules: a name in `warpopt.rules.PUBLISHED` or `ENGINES`, a callable (frustum, theta) -> Warp, a list of these,
             or a dict that names them; every published and engine rule if None. A callable receives theta of shape
             (T,), or, if that raises a TypeError or a ValueError, one angle at a time, which is slower.
@@ -33,8 +36,8 @@ def compare_rules(
         min_eta: as in `optimal_warp`.
 
     Raises:
-        ValueError: bad arguments; a rule that is unknown, raises, or returns no `Warp` of theta's shape with eta in
-            (0, 1] (`RuleError`). `solution.result` reports failed solves.
+        ValueError: bad arguments, a traced view; a rule that is unknown, raises, or returns no `Warp` of theta's shape
+            with eta in (0, 1] (`RuleError`). `solution.result` reports failed solves.
 
     The bound is None where none is known (`no_bound_because`). For depth buffers and points it is over bins of depth,
     and a warp can be up to 8 % below it. Over a scene `regions` and `peaks` are None.
@@ -56,7 +59,8 @@ def compare_rules(
         [[4.0], [1.0]]
     """
     refuse_other(view)
-    objective, found = objective_or_default(objective), rule_set(rules)
+    refuse_traced("compare_rules", view, min_eta)
+    objective, found, least_eta = objective_or_default(objective), rule_set(rules), checked_min_eta(min_eta)
     if isinstance(view, FrustumView):
         return compare_over_frustum(view, found, objective)
-    return compare_over_scene(view, found, objective, min_eta)
+    return compare_over_scene(view, found, objective, least_eta)

@@ -25,9 +25,9 @@ def compare_over_frustum(view: FrustumView, rules: dict[str, Rule], objective: O
     frustum, reason = view.frustum, objective.no_bound_because
     if frustum.near.shape:
         raise ValueError(f"frustum: got shape {frustum.near.shape}, expected one")
-    theta = np.asarray(view.theta)
+    theta = np.atleast_1d(np.asarray(view.theta))
     if theta.ndim != 1 or not theta.size or (np.diff(theta) <= 0).any():
-        raise ValueError(f"theta: got {theta}, expected a list of increasing angles")
+        raise ValueError(f"theta: got {theta}, expected an angle or a list of increasing angles")
 
     def evaluate(theta: NDArray):
         at = FrustumView(frustum, theta)

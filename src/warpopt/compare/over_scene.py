@@ -12,46 +12,50 @@ from numpy.typing import NDArray
 from .._checks import assembled, trusted
 from ..bound.lower_bound import lower_bound
 from ..objective import Objective
+from ..receivers.answers import extent_of
 from ..receivers.footprint import Footprint
 from ..rules.body import Body
-from ..solve.optimal_warp import checked_min_eta
 from ..solve.outcome import failed_on_host
-from ..solve.scene import norms_at, refuse_scene, solve_scene
+from ..solve.scene import norms_at, settled_scene, solve_scene
 from ..solve.solution import SceneSolution
 from ..theory.camera import DirectionalLight
 from ..theory.light_frame import LightFrame
 from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Extent, Warp
-from ..views import FrustumView, SceneView
+from ..views import FrustumView, SceneView, one_light
 from .comparison import Comparison
 from .rule_set import KNOWN, Rule, stacked, takes_body, warps_over
 
 _TOGETHER = 64  # lights in one batch
 
 
-def compare_over_scene(view: SceneView, rules: dict[str, Rule], objective: Objective, min_eta: float) -> Comparison:
-    """The comparison for every light of a view whose light has a leading axis.
+def compare_over_scene(
+    view: SceneView, rules: dict[str, Rule], objective: Objective, min_eta: Float[Array | np.ndarray, ""]
+) -> Comparison:
+    """The comparison for every light of a view, whose light may have a leading axis.
 
     Raises:
-        ValueError: a light without this axis, or a scene that cannot be solved.
+        ValueError: a light with more axes, or a scene that cannot be solved.
     """
+    if view.light.direction.ndim == 1:
+        view = eqx.tree_at(lambda v: v.light.direction, view, view.light.direction[None])
     if view.light.direction.ndim != 2 or not len(view.light.direction):
         raise ValueError(
-            f"light: got direction of shape {view.light.direction.shape}, expected (T, 3), as "
+            f"light: got direction of shape {view.light.direction.shape}, expected (3,), or (T, 3), as "
             "jax.vmap(warpopt.DirectionalLight)(directions) makes it"
         )
     count = len(view.light.direction)
-    refuse_scene(_one_of(view, 0), objective)
-    lights = jax.tree.map(np.asarray, view.light)
+    one_light(_one_of(view, 0), "call compare_rules for each")
+    on_host = eqx.tree_at(lambda v: v.light, view, jax.tree.map(np.asarray, view.light))
     for k in range(count):  # receivers may accept only some lights
-        view.receivers.check(view.camera, jax.tree.map(lambda v, k=k: v[k], lights), objective)
+        settled_scene(_one_of(on_host, k), objective)
     by_body = tuple(name for name, rule in rules.items() if takes_body(name, rule))
     by_apex = {name: rule for name, rule in rules.items() if name not in by_body}
     whole = _frusta(view)
     # One light at a time: a user's rule may require scalars.
     given = [warps_over(by_apex, jax.tree.map(lambda v, k=k: v[k], whole)) for k in range(count)] if by_apex else None
     apexes = None if given is None else stacked(given)
-    solution, eta, defined, values = _over_lights(view, whole, apexes, by_body, objective, checked_min_eta(min_eta))
+    solution, eta, defined, values = _over_lights(view, whole, apexes, by_body, objective, min_eta)
     order = [[*by_body, *by_apex].index(name) for name in rules]
     eta, defined, values = (np.asarray(v).T for v in (eta, defined, values))
     unwarped, eta, defined = values[-1], eta[order], defined[order]
@@ -114,7 +118,7 @@ def _over_lights(
 
 def _body(view: SceneView, footprint: Footprint | Extent, half_fov: Array) -> Body:
     """The body that rules receive; without receivers, its depths are the frustum's."""
-    extent, planes = view.receivers.depth_extent(view.camera), (view.camera.near, _far(view))
+    extent, planes = extent_of(view.receivers, view.camera), (view.camera.near, _far(view))
     there = extent[0] <= extent[1]
     near, far = (jnp.where(there, v, end) for v, end in zip(extent, planes, strict=True))
     return Body(near, far, half_fov, footprint.start, footprint.mu, *planes)
@@ -123,7 +127,7 @@ def _body(view: SceneView, footprint: Footprint | Extent, half_fov: Array) -> Bo
 def _far(view: SceneView) -> Array:
     """The camera's far plane, or the farthest receiver if there is none."""
     near, far = view.camera.near, view.camera.far
-    farthest = view.receivers.depth_extent(view.camera)[1]
+    farthest = extent_of(view.receivers, view.camera)[1]
     return jnp.where(far < jnp.inf, far, jnp.where(farthest > near, farthest, 2 * near))
 
 

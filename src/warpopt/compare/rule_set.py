@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._checks import shown, trusted
+from .._checks import trusted
+from .._words import shown
 from ..rules import registry
 from ..solve.chunks import in_blocks, in_chunks
 from ..theory.view_frustum import ViewFrustum

@@ -8,6 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from .._words import one_of
 from .languages import Language
 from .program import ETA_NOTE, HOW_TO, LAMBDA_NOTE, NO_WARP, Function, Program, text_of
 
@@ -117,8 +118,7 @@ def closed_form_source(metric: str, language: Language, prefix: str = "warpopt")
         >>> "static inline float warpopt_lambda(" in closed_form_source("p", C)
         True
     """
-    if metric not in get_args(Metric):
-        raise ValueError(f"metric: got {metric!r}, expected 'p', 'q' or 'pxq'")
+    one_of("metric", metric, get_args(Metric))
     pi = np.float32(np.pi)
     constants = {"PI": float(pi), "PI_REST": np.pi - float(pi), "HALF_PI": np.pi / 2, "NO_WARP": NO_WARP}
     case = {"p": _P, "q": _Q, "pxq": _PXQ}[metric]

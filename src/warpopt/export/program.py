@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from .._words import shown
 from .languages import Language, spelt_names
 
 NO_WARP = 3.4e38  # for lambda = inf: shading languages leave infinities undefined
@@ -74,9 +75,10 @@ def checked_prefix(prefix: str) -> str:
         >>> checked_prefix("sun_p")
         'sun_p'
     """
-    if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", prefix) or prefix.startswith("gl_"):
+    word = isinstance(prefix, str) and re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", prefix)
+    if not word or prefix.startswith("gl_"):
         raise ValueError(
-            f"prefix: got {prefix!r}, expected lower-case letters, digits and single underscores, such as 'sun_p'"
+            f"prefix: got {shown(prefix)}, expected lower-case letters, digits and single underscores, such as 'sun_p'"
         )
     return prefix
 

@@ -1,6 +1,7 @@
 """Exporters by language name: their public interface."""
 
 from .._checks import instance
+from .._words import one_of
 from ..table.lambda_table import LambdaTable
 from .closed_form import closed_form_source
 from .languages import LANGUAGES, Language
@@ -52,6 +53,5 @@ def export_closed_form(metric: str, language: str, prefix: str = "warpopt") -> s
 
 
 def _language(name: str) -> Language:
-    if name not in _BY_NAME:
-        raise ValueError(f"language: got {name!r}, expected one of {', '.join(map(repr, _BY_NAME))}")
+    one_of("language", name, _BY_NAME)
     return _BY_NAME[name]

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Float, Int, PyTree
 
 from .._numerics import power, staged
 from ..objective import Objective
@@ -84,13 +84,11 @@ def _one_by_one(
     objective: Objective,
 ) -> Samples:
     scale = _scale(footprint)
+    before, beyond = (d - footprint.start) * scale, (footprint.start + footprint.mu - d) * scale
+    beyond = jnp.where(footprint.flat, 1, beyond)
     # Rounding may put the first or the last receiver outside of [0, 1] by eps.
-    delta, rest = (
-        jnp.where(seen, jnp.where(part > 0, part, 0), end)
-        for part, end in (
-            ((d - footprint.start) * scale, 0), (jnp.where(footprint.flat, 1, (footprint.start + footprint.mu - d) * scale), 1)
-        )
-    )  # fmt: skip
+    delta = jnp.where(seen & (before > 0), before, 0)
+    rest = jnp.where(seen, jnp.where(beyond > 0, beyond, 0), 1)
     lateral = jnp.where(seen, jnp.abs(x - footprint.axis) * scale, 0)
     share = weight * power(unit / z, objective.order) / _positive(weight.sum())
     return Samples(LightDepth(delta, rest), lateral, share, None)

@@ -1,7 +1,7 @@
 """A depth buffer as receivers."""
 
 import functools
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, get_args
 
 import equinox as eqx
 import jax
@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._checks import Numbers, assembled, checked, float_arrays
 from .._numerics import larger
+from .._words import one_of
 from ..objective import Objective
 from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
@@ -69,15 +70,18 @@ class DepthBuffer(Receivers):
         weights: Numbers | str | None = None,
         lit: Numbers | None = None,
     ):
-        (depth,) = float_arrays(depth=depth)
+        one_of("encoding", encoding, get_args(Encoding))
+        (values,) = float_arrays(depth=depth)
+        given = np.dtype(depth.dtype if isinstance(depth, jax.Array) else np.asarray(depth).dtype)
+        if given.kind in "iu":  # a file's are refused too: they are a code or a length in another unit
+            raise ValueError(f"depth: got integers ({given}), expected them scaled to floats (0.001 for millimetres)")
+        depth = values
         if depth.ndim == 3 and depth.shape[2] == 1:
             depth = depth[..., 0]
         if jnp.finfo(depth.dtype).bits < 32:
             depth = depth.astype(jnp.float32)
         if depth.ndim != 2 or 0 in depth.shape:
             raise ValueError(f"depth: got shape {depth.shape}, expected (height, width)")
-        if encoding not in ("linear", "standard", "reversed"):
-            raise ValueError(f"encoding: got {encoding!r}, expected 'linear', 'standard' or 'reversed'")
         if encoding == "linear":
             self.depth = checked("depth", depth, lambda d: d == d, "eye depths, not NaN")
         else:

@@ -20,7 +20,9 @@ class Receivers(eqx.Module):
 
     Your own kind is an `equinox.Module` derived from this class. `optimal_warp`, `error_norm` and `shadow_matrix` need
     only `footprint` (`warpopt.receivers.bins` builds it from extents of groups, and moments for L_P norms). Without the
-    other two methods, rules and lower bounds over it raise an error.
+    other two methods, rules and lower bounds over it raise an error. What your methods return is checked: a wrong type,
+    shape or value is a `ValueError` that names it (wrong values in your own compiled program are
+    `Outcome.not_finite`), and outside such a program they are asked once for each call, or once by `SceneView.reduced`.
 
     Attributes:
         measures: the measures that L_P norms over this kind accept; a set is weighted by its weights instead.

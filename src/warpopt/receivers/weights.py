@@ -22,7 +22,7 @@ class Weights(eqx.Module):
         shape: of the set of receivers.
 
     Raises:
-        ValueError: another word or shape, a negative weight, NaN or infinity, a mask that is neither boolean nor 0 or 1.
+        ValueError: another word or shape, a negative weight, NaN or infinity; a mask that is neither boolean nor 0 and 1.
     """
 
     values: Float[Array, "..."] | None

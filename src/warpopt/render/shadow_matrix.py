@@ -9,12 +9,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._checks import Numbers, checked, float_arrays, instance, pair
+from .._words import flag, shown
 from ..objective import Objective
+from ..receivers.answers import footprint_of
 from ..receivers.footprint import Footprint
 from ..solve.solution import SceneSolution, Solution, warp_of
 from ..theory.light_frame import LightFrame
 from ..theory.warp import Warp, refuse_lost
-from ..views import SceneView, one_light
+from ..views import SceneView, settled
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,6 +31,9 @@ class ClipSpace:
         reversed_z: the point nearest to the light has the largest z/w.
         row_vectors: for p M instead of M p: the matrix is transposed.
 
+    Raises:
+        ValueError: anything but True and False.
+
     Example:
         >>> ClipSpace.vulkan().y_down
         True
@@ -38,6 +43,10 @@ class ClipSpace:
     y_down: bool = False
     reversed_z: bool = False
     row_vectors: bool = False
+
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            flag(field.name, getattr(self, field.name))
 
     @classmethod
     def opengl(cls, *, reversed_z: bool = False, row_vectors: bool = False) -> "ClipSpace":
@@ -98,7 +107,7 @@ def shadow_matrix(
     clip_space = _checked_clip_space(clip_space)
     padding = pair("padding", padding, lambda v: 0 <= v < 0.5, "two fractions in [0, 1/2)")
     instance("view", view, SceneView)
-    one_light(view).receivers.check(view.camera, view.light, None)
+    view = settled(view, None)
     warp = warp_of(warp)
     if warp.eta.ndim:
         raise ValueError(f"warp: got shape {warp.eta.shape}, expected one; use jax.vmap over more")
@@ -117,7 +126,7 @@ def _matrix(
     view: SceneView, warp: Warp, casters: Array | None, padding: Array, clip_space: ClipSpace
 ) -> tuple[Array, Array]:
     camera, frame = view.camera, view.frame()
-    footprint = view.receivers.footprint(camera, frame, Objective())
+    footprint = footprint_of(view.receivers, camera, frame, Objective())
     own = warp.over(footprint)
     eta = own.eta.astype(camera.position.dtype)
     reference, least, largest = _light_range(camera, frame, footprint, eta, casters)
@@ -188,7 +197,7 @@ def _checked_clip_space(clip_space: ClipSpace | None) -> ClipSpace:
     if clip_space is None:
         return ClipSpace()
     if not isinstance(clip_space, ClipSpace):
-        raise ValueError(f"clip_space: got {clip_space!r}, expected a ClipSpace, such as ClipSpace.vulkan()")
+        raise ValueError(f"clip_space: got {shown(clip_space)}, expected a ClipSpace, such as ClipSpace.vulkan()")
     return clip_space
 
 

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import Numbers, checked
-from ..theory.light_space import LightDepth, LightSpace, checked_theta
+from .._checks import Numbers, checked, floats_of
+from ..theory.light_space import LightDepth, LightSpace, checked_theta, refuse_no_frustum
 from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
 
@@ -136,6 +136,8 @@ def parameter(name: str, value: Numbers, frustum: ViewFrustum | Body, valid: Cal
     """A rule's parameter in the frustum's dtype.
 
     Raises:
-        ValueError: the parameter is not `valid`.
+        ValueError: the parameter is not `valid`; no frustum.
     """
-    return checked(name, jnp.asarray(value, frustum.near.dtype), valid, expected)
+    refuse_no_frustum(frustum)
+    (value,) = floats_of(frustum.near.dtype, **{name: value})
+    return checked(name, value, valid, expected)

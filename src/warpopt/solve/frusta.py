@@ -113,7 +113,7 @@ def _few_numbers(
     if objective.supremum:
         return space, None
     if has_moments(objective) and method.nodes is None:
-        return space, staged(functools.partial(moments, objective=objective), space)
+        return space, staged(lambda space: moments(space, objective), space)
     return space, QuadratureMean(space, objective, method.nodes or default_nodes(objective))
 
 

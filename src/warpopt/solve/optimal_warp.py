@@ -8,13 +8,16 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from .._checks import checked, float_arrays, joint_shape
+from .._words import flag, one_of, whole_number
 from ..objective import Objective, objective_or_default
 from ..theory.warp import Warp, refuse_lost
 from ..views import FrustumView, SceneView, refuse_other
 from .chunks import in_blocks
 from .frusta import Method, norms_over_frusta, solve_and_compare, solve_frusta
-from .scene import norms_over_scene, refuse_scene, solve_scene
+from .scene import norms_over_scene, settled_scene, solve_scene
 from .solution import SceneSolution, Solution, raised, warp_of
+
+_MOST_NODES = 10_000  # Gauss nodes come from the eigenvalues of a matrix of their number
 
 
 @overload
@@ -72,6 +75,7 @@ def optimal_warp(
     """
     refuse_other(view)
     objective = objective_or_default(objective)
+    flag("throw", throw)
     how, min_eta = _checked_method(method, quadrature_nodes), checked_min_eta(min_eta)
     if isinstance(view, FrustumView):
         objective.metric  # noqa: B018, raises: one term
@@ -81,8 +85,7 @@ def optimal_warp(
             raise ValueError(
                 f"method, quadrature_nodes: got {method!r}, {quadrature_nodes!r}, expected the defaults for a scene"
             )
-        refuse_scene(view, objective)
-        solution = solve_scene(view, objective, min_eta)
+        solution = solve_scene(settled_scene(view, objective), objective, min_eta)
     return raised(solution) if throw else solution
 
 
@@ -121,8 +124,7 @@ def error_norm(
     else:
         if how != Method():
             raise ValueError(f"quadrature_nodes: got {quadrature_nodes!r}, expected None for a scene")
-        refuse_scene(view, objective)
-        values, lost = norms_over_scene(view, warp, objective)
+        values, lost = norms_over_scene(settled_scene(view, objective), warp, objective)
     refuse_lost(lost)
     return values
 
@@ -155,8 +157,7 @@ def checked_min_eta(min_eta: ArrayLike) -> Array | np.ndarray:
 
 
 def _checked_method(method: str, nodes: int | None) -> Method:
-    if method not in ("auto", "iterative"):
-        raise ValueError(f"method: got {method!r}, expected 'auto' or 'iterative'")
-    if nodes is not None and (isinstance(nodes, bool) or not isinstance(nodes, int) or nodes < 2):
-        raise ValueError(f"quadrature_nodes: got {nodes!r}, expected an integer >= 2, or None")
+    one_of("method", method, ("auto", "iterative"))
+    if nodes is not None:
+        whole_number("quadrature_nodes", nodes, 2, _MOST_NODES, ", or None")
     return Method(method == "iterative", nodes)

@@ -51,7 +51,10 @@ _SENTENCES = {
     Outcome.not_converged: "The root finder ran out of steps before its bracket closed.",
     Outcome.inaccurate: "The quadrature's error estimate exceeds its tolerance; the optimum is not certified.",
     Outcome.depth_weighted: "All weights are 0 (no shadow edge is known): receivers were weighted by depth instead.",
-    Outcome.not_finite: "The norm is not a finite number: far/near beyond 7.9e13, unbounded receivers, or NaN input.",
+    Outcome.not_finite: (
+        "The norm is not a finite number: far/near beyond 7.9e13, unbounded receivers, exponents or an order so large "
+        "that it overflows, or NaN input."
+    ),
 }
 
 

@@ -1,4 +1,4 @@
-"""The optimal warp for a mean over weighted receivers: found and proved by parabolas, then settled to the last digits."""
+"""The optimal warp for a mean over weighted receivers: found and proved by parabolas, then settled to the last digit."""
 
 from typing import NamedTuple
 

@@ -8,10 +8,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..objective import MOST_MOMENTS, Metric, Objective
+from ..receivers.answers import footprint_of
 from ..receivers.footprint import Footprint
 from ..theory.light_frame import LightFrame
 from ..theory.warp import Warp
-from ..views import SceneView, one_light
+from ..views import SceneView, one_light, settled
 from .footprint_optimum import LogNorm, Term, minimise, value_at
 from .outcome import Outcome
 from .sample_norm import SampleNorm
@@ -19,15 +20,16 @@ from .sample_optimum import excess_of_cells, minimise_mean
 from .solution import SceneSolution
 
 
-def refuse_scene(view: SceneView, objective: Objective) -> None:
-    """Refuse a scene that cannot be solved.
+def settled_scene(view: SceneView, objective: Objective) -> SceneView:
+    """The view, `settled` for a solve.
 
     Raises:
-        ValueError: several lights, a measure that the receivers do not support, an order without moments.
+        ValueError: several lights, a measure that the receivers do not support, an order without moments, an answer of
+            a user's receivers that none can have.
     """
-    one_light(view).receivers.check(view.camera, view.light, objective)
+    one_light(view)
     if objective.kernel is not None:
-        return
+        return settled(view, objective)
     if not (objective.supremum or objective.blend_degree == round(objective.blend_degree)):
         raise ValueError(
             f"norm: got order {objective.order:g} over receivers, expected one with (2 alpha + beta) order an integer"
@@ -37,13 +39,14 @@ def refuse_scene(view: SceneView, objective: Objective) -> None:
             f"norm: got order {objective.order:g} over receivers, expected (2 alpha + beta) order at most "
             f"{MOST_MOMENTS}, or inf"
         )
+    return settled(view, objective)
 
 
 @functools.partial(jax.jit, static_argnames=("objective",))
 def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]) -> SceneSolution:
     """The optimum of one view."""
     frame = view.frame()
-    footprint = view.receivers.footprint(view.camera, frame, objective)
+    footprint = footprint_of(view.receivers, view.camera, frame, objective)
     log_norm = _log_norm(footprint, frame, objective)
     grouped = footprint.grouped and (objective.supremum or objective.has_beta or objective.kernel is not None)
     best_case = eqx.tree_at(lambda n: n.footprint, log_norm, footprint.at_best()) if grouped else log_norm
@@ -70,7 +73,9 @@ def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]
     outcome = jnp.where(finite, outcome, Outcome.not_finite).astype(jnp.int32)
     log_eta = jnp.where(finite, optimum.log_eta, jnp.nan)
     warp = Warp(jnp.exp(log_eta), -jnp.expm1(log_eta), footprint.start, footprint.mu, jnp.ones((), bool))
-    return SceneSolution(warp, value, outcome, optimum.residual, optimum.margin, unwarped, excess, gap, frame, footprint)
+    return SceneSolution(
+        warp, value, outcome, optimum.residual, optimum.margin, unwarped, excess, gap, frame, footprint
+    )
 
 
 @functools.partial(jax.jit, static_argnames=("objective",))
@@ -79,7 +84,7 @@ def norms_over_scene(
 ) -> tuple[Float[Array, "..."], Bool[Array, "..."]]:
     """(the norm of every warp over one view's receivers, whether the apex is not before them: NaN)."""
     frame = view.frame()
-    footprint = view.receivers.footprint(view.camera, frame, objective)
+    footprint = footprint_of(view.receivers, view.camera, frame, objective)
     own = warp.over(footprint)
     return norms_at(footprint, frame, objective, own.eta), warp.lost_over(own)
 

@@ -1,12 +1,12 @@
 """Results of a solve."""
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
-from .._checks import checked, is_traced, shown
+from .._checks import checked, floats_of, is_traced, points_of
+from .._words import shown
 from ..objective import Metric, Objective
 from ..receivers.footprint import Footprint
 from ..theory.aliasing import aggregate, errors
@@ -55,7 +55,7 @@ class SceneSolution(eqx.Module):
         unwarped: the norm without a warp.
         excess: bound on the regret due to conservative grouping of many points or pixels: `value` over a lower bound of
             the minimum for the individual receivers, minus 1. 0 where nothing is grouped.
-        gap: `value` over a lower bound of the norm for every eta in [min_eta, 1], minus 1, for a mean of "max", "edge" or
+        gap: `value` over a lower bound of the norm for all eta in [min_eta, 1], minus 1, for a mean of "max", "edge" or
             "band", which may have several local minima; 0 for all other norms, which are proved to have one.
         frame: W's axes.
         footprint: the receivers' extents.
@@ -84,7 +84,7 @@ class SceneSolution(eqx.Module):
         self, eye_points: Float[Array | np.ndarray, "... 3"]
     ) -> tuple[LightDepth, Float[Array, "..."], Float[Array, "..."]]:
         """(depth as delta and 1 - delta, x from W's axis, eye depth z) of points in eye coordinates."""
-        return self.footprint.coordinates(self.frame, eye_points)
+        return self.footprint.coordinates(self.frame, points_of(self.footprint.mu.dtype, "eye_points", eye_points))
 
     def aliasing_error(
         self, eye_points: Float[Array | np.ndarray, "... 3"], metric: str | Metric = "p", eta: ArrayLike | None = None
@@ -104,7 +104,9 @@ class SceneSolution(eqx.Module):
         if eta is None:
             eta = self.warp.eta
         else:
-            eta = jnp.asarray(eta, self.warp.eta.dtype)
+            (eta,) = floats_of(self.warp.eta.dtype, eta=eta)
+            if eta.shape:
+                raise ValueError(f"eta: got shape {eta.shape}, expected one number; use jax.vmap over more")
             eta = checked("eta", eta, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
         depth, _, z = self.coordinates(eye_points)
         along = self.frame.density_p * self.footprint.mu / z

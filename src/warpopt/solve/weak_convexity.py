@@ -32,9 +32,7 @@ class Minimum(NamedTuple):
     bounds: Float[Array, " I"]
 
 
-def least(
-    touch: Callable[[Float[Array, ""]], Touch], floor: Float[Array, ""], tolerance: float = TOLERANCE
-) -> Minimum:
+def least(touch: Callable[[Float[Array, ""]], Touch], floor: Float[Array, ""], tolerance: float = TOLERANCE) -> Minimum:
     """The least value over [floor, 1]: nodes are added where the bound is lowest, until it is close to the best value.
 
     Args:

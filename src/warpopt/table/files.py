@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._data_files import DataFileError, digest_of, encoded, read_fields, write_whole
+from .._data_files import DataFileError, digest_of, encoded, path_of, read_fields, write_whole
 from ..objective import Objective
 from .lookup import Rows
 
@@ -44,7 +44,7 @@ def load(path: str | Path, kind: type["LambdaTable"]) -> "LambdaTable":
     Raises:
         DataFileError: a file that is missing, truncated, edited, of another format or a later version.
     """
-    path = Path(path)
+    path = path_of(path)
     fields = read_fields(path, "table", _COLUMNS)
     try:
         return _table(fields, kind)

@@ -2,14 +2,15 @@
 
 import math
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._checks import Numbers, checked, float_arrays
+from .._checks import Numbers, checked, float_arrays, instance
+from .._words import one_of
 from ..objective import Objective
 from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
@@ -101,6 +102,7 @@ class LambdaTable(eqx.Module):
         outside: Outside = "clamp",
     ) -> np.ndarray:
         """`eta` in plain NumPy, in theta's precision, with the same operations as the exported code."""
+        float_arrays(theta=theta)  # for its words
         theta = np.asarray(theta)
         dtype = theta.dtype if theta.dtype == np.float32 else np.dtype(np.float64)
         given = self._given(outside, depth_ratio=depth_ratio, half_fov=half_fov)
@@ -112,6 +114,7 @@ class LambdaTable(eqx.Module):
         Raises:
             ValueError: as `eta`; a frustum whose far/near or field of view differs from the fixed one of the table.
         """
+        instance("frustum", frustum, ViewFrustum)
         ratio, half_fov = frustum.depth_ratio, frustum.half_fov
         self._check_single(depth_ratio=ratio, half_fov=half_fov)
         eta = self.eta(theta, ratio, half_fov, outside=outside)
@@ -152,6 +155,7 @@ class LambdaTable(eqx.Module):
 
     def _given(self, outside: Outside, **values: Numbers | None) -> dict[str, Numbers]:
         """The axes' values, without those of axes that the table does not have."""
+        one_of("outside", outside, get_args(Outside))
         if outside == "error":
             self._check_single(**values)
         asked = {}
@@ -164,8 +168,6 @@ class LambdaTable(eqx.Module):
         return asked
 
     def _looked_up(self, values: list, outside: Outside, xp):
-        if outside not in ("clamp", "error"):
-            raise ValueError(f"outside: got {outside!r}, expected 'clamp' or 'error'")
         theta, *others = values
         names = [name for name in ("depth_ratio", "half_fov") if len(getattr(self, name)) > 1]
         if outside == "error":

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from .._checks import Numbers, instance
+from .._checks import Numbers, floats_of, instance
 from .._numerics import larger, power, smaller
 from ..objective import Metric, Objective
 from .light_space import LightDepth, LightSpace, checked_theta
@@ -104,7 +104,7 @@ def aliasing_error(
         [17.147, 17.147]
     """
     space = LightSpace(frustum, checked_theta(theta, frustum))
-    y, z = jnp.asarray(y, space.near.dtype), jnp.asarray(z, space.near.dtype)
+    y, z = floats_of(space.near.dtype, y=y, z=z)
     return _error(space, warp, space.depth_yz(y, z), z, metric)
 
 
@@ -123,7 +123,7 @@ def aliasing_error_uz(
         17.147
     """
     space = LightSpace(frustum, checked_theta(theta, frustum))
-    u, z = jnp.asarray(u, space.near.dtype), jnp.asarray(z, space.near.dtype)
+    u, z = floats_of(space.near.dtype, u=u, z=z)
     return _error(space, warp, space.depth_uz(u, z), z, metric)
 
 
@@ -142,8 +142,11 @@ def local_aliasing_error(
         >>> [round(float(local_aliasing_error(frustum, warp, z, "q")), 3) for z in (1.0, 100.0)]
         [20.0, 2.0]
     """
+    instance("frustum", frustum, ViewFrustum)
+    warp = getattr(warp, "warp", warp)  # a solution's
+    instance("warp", warp, Warp)
     n, f = frustum.near, frustum.far
-    z = jnp.asarray(z, n.dtype)
+    (z,) = floats_of(n.dtype, z=z)
     blend = LightDepth((z - n) / (f - n), (f - z) / (f - n)).blend(warp.eta)
     e_p, e_q = errors(blend, warp.eta, (f - n) / (z * jnp.tan(frustum.half_fov)), 2 * f / z)
     return aggregate(Objective(metric).terms, e_p, e_q)
@@ -165,7 +168,7 @@ def texture_coordinates(
         [0.0, 0.5, 1.0]
     """
     space = LightSpace(frustum, checked_theta(theta, frustum))
-    x, y, z = (jnp.asarray(v, space.near.dtype) for v in (x, y, z))
+    x, y, z = floats_of(space.near.dtype, x=x, y=y, z=z)
     depth, eta = space.depth_yz(y, z), _over(warp, space).eta
     blend = depth.blend(eta)
     half_width = space.far * space.tan_phi / inverse_width(space, eta)
@@ -184,8 +187,10 @@ def screen_coordinates(
         >>> float(q), round(float(p), 3)
         (0.0, -0.866)
     """
-    scale = jnp.asarray(z, frustum.near.dtype) * jnp.tan(frustum.half_fov)
-    return jnp.asarray(x) / scale, jnp.asarray(y) / scale
+    instance("frustum", frustum, ViewFrustum)
+    x, y, z = floats_of(frustum.near.dtype, x=x, y=y, z=z)
+    scale = z * jnp.tan(frustum.half_fov)
+    return x / scale, y / scale
 
 
 def projection_factors(
@@ -213,7 +218,7 @@ def projection_factors(
     """
     theta = checked_theta(theta, frustum)
     space = LightSpace(frustum, theta)
-    x, y, z, kx, ky = (jnp.asarray(v, space.near.dtype) for v in (x, y, z, kx, ky))
+    x, y, z, kx, ky = floats_of(space.near.dtype, x=x, y=y, z=z, kx=kx, ky=ky)
     rate = jnp.sin(theta) - ky * jnp.cos(theta)  # d z_w / d z along the line
     own = _over(warp, space)
     x_over_z_w = x * own.one_minus_eta / (space.mu * space.depth_yz(y, z).blend(own.eta))

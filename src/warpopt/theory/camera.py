@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._checks import Numbers, checked, float_arrays
+from .._checks import Numbers, checked, float_arrays, points_of
+from .._words import one_of, shown
 
 
 class Camera(eqx.Module):
@@ -93,8 +94,7 @@ class Camera(eqx.Module):
         (view,) = float_arrays(view=view)
         if view.shape != (4, 4):
             raise ValueError(f"view: got shape {view.shape}, expected (4, 4)")
-        if looks_along not in ("-z", "+z"):
-            raise ValueError(f"looks_along: got {looks_along!r}, expected '-z' or '+z'")
+        one_of("looks_along", looks_along, ("-z", "+z"))
         # Engines compute these matrices in single precision and print them with few digits.
         tolerance = 1e3 * float(jnp.finfo(jnp.float32).eps)
 
@@ -132,9 +132,11 @@ class Camera(eqx.Module):
         Raises:
             ValueError: also for left >= right or bottom >= top.
         """
-        if len(window) != 4:
-            raise ValueError(f"window: got {len(window)} numbers, expected (left, right, bottom, top)")
-        (slopes,) = float_arrays(window=jnp.stack([jnp.asarray(v, float) for v in window]))
+        try:
+            left, right, bottom, top = window
+        except (TypeError, ValueError):
+            raise ValueError(f"window: got {shown(window)}, expected (left, right, bottom, top)") from None
+        slopes = jnp.stack(_numbers(left=left, right=right, bottom=bottom, top=top))
         slopes = checked(
             "window",
             slopes,
@@ -146,7 +148,7 @@ class Camera(eqx.Module):
 
     def to_eye(self, points: Numbers) -> Float[Array, "... 3"]:
         """World points (..., 3) in eye coordinates."""
-        return (jnp.asarray(points, self.position.dtype) - self.position) @ self.rotation.T
+        return (points_of(self.position.dtype, "points", points) - self.position) @ self.rotation.T
 
     def corner_slopes(self) -> Float[Array, "4 3"]:
         """Eye coordinates over z of the frustum's four edges: (x/z, y/z, 1)."""
@@ -230,8 +232,7 @@ def _vectors(**named: Numbers) -> list[Array]:
 
 def _rotation(forward: Array, up: Array, handedness: str) -> Array:
     """Rows right, up, forward, orthonormal."""
-    if handedness not in ("right", "left"):
-        raise ValueError(f"handedness: got {handedness!r}, expected 'right' or 'left'")
+    one_of("handedness", handedness, ("right", "left"))
     side = 1 if handedness == "right" else -1
     forward, up = normalised("forward", forward), normalised("up", up)
     right = side * jnp.cross(forward, up)

@@ -7,7 +7,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import Numbers, checked, float_arrays, is_traced
+from .._checks import Numbers, checked, float_arrays, instance, is_traced
 from .camera import Camera, DirectionalLight
 
 
@@ -60,6 +60,8 @@ class LightFrame(eqx.Module):
         Raises:
             ValueError: only one of `screen` and `shadow_map`, or not two positive numbers.
         """
+        instance("camera", camera, Camera)
+        instance("light", light, DirectionalLight)
         if not is_traced(screen, shadow_map):
             screen, shadow_map = resolutions(screen, shadow_map)
         width, height, t, s = _densities(camera, screen, shadow_map)

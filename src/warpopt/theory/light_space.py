@@ -13,8 +13,9 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import Numbers, checked, float_arrays, joint_shape, shown
+from .._checks import Numbers, checked, float_arrays, joint_shape
 from .._numerics import horner
+from .._words import shown
 from .view_frustum import ViewFrustum
 
 
@@ -42,13 +43,22 @@ def checked_theta(theta: Numbers, frustum: Any) -> Float[Array, "..."]:
         ValueError: theta outside [0, pi], NaN, or of a shape that does not broadcast with the frustum; a `frustum` of
             the wrong class, such as a camera.
     """
-    if not (hasattr(frustum, "near") and hasattr(frustum, "half_fov")):
-        raise ValueError(f"frustum: got {shown(frustum)}, expected a ViewFrustum")
+    refuse_no_frustum(frustum)
     theta, near = float_arrays(theta=theta, near=frustum.near)
     joint_shape(theta=theta, frustum=near)
     # float32(pi), which lies 9e-8 beyond pi: accepted, as float32 users write it, also after promotion.
     top = np.float32(np.pi)
     return checked("theta", theta, lambda v: (v >= 0) & (v <= top), "radians in [0, pi]")
+
+
+def refuse_no_frustum(frustum: Any) -> None:
+    """Refuse what has no planes: rules accept stand-ins for a `ViewFrustum`.
+
+    Raises:
+        ValueError: naming what was got.
+    """
+    if not (hasattr(frustum, "near") and hasattr(frustum, "half_fov")):
+        raise ValueError(f"frustum: got {shown(frustum)}, expected a ViewFrustum")
 
 
 class LightSpace(eqx.Module):
@@ -80,6 +90,8 @@ class LightSpace(eqx.Module):
     b: Float[Array, "..."]
 
     def __init__(self, frustum: ViewFrustum, theta: Float[Array, "..."]):
+        refuse_no_frustum(frustum)
+        (theta,) = float_arrays(theta=theta)
         # notation: n, f, phi, s, c, T, a as in AT09 and the derivation
         n, f, phi = frustum.near, frustum.far, frustum.half_fov
         sin, cos = jnp.sin(theta), jnp.cos(theta)

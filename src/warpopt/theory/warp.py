@@ -4,10 +4,12 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import Numbers, checked, float_arrays, is_traced
+from .._checks import Numbers, checked, float_arrays, instance, is_traced
+from .._words import shown
 from .view_frustum import ViewFrustum
 
 
@@ -91,9 +93,19 @@ class Warp(eqx.Module):
 
     @classmethod
     def from_range_ratio(cls, ratio: ArrayLike, body: Body, defined: ArrayLike = True) -> "Warp":
-        """The warp of a given mu / lambda >= 0, a form without infinities; eta = 1 where not `defined`."""
+        """The warp of a given mu / lambda >= 0, a form without infinities; eta = 1 where not `defined`.
+
+        Raises:
+            ValueError: a ratio that is negative, infinite or NaN where it is defined (traced values are not checked);
+                a `defined` that is not true or false; a body without an extent.
+        """
+        _refuse_no_extent(body)
+        if not is_traced(defined) and np.asarray(defined).dtype != bool:
+            raise ValueError(f"defined: got {shown(defined)}, expected true or false")
+        ratio, start, mu = float_arrays(ratio=ratio, start=body.start, mu=body.mu)
         ratio = jnp.where(defined, ratio, 0)
-        start, mu = jnp.asarray(body.start), jnp.asarray(body.mu)
+        if not is_traced(ratio):
+            ratio = checked("ratio", ratio, lambda v: (v >= 0) & (v < jnp.inf), "a finite number >= 0")
         return cls(1 / (1 + ratio), ratio / (1 + ratio), start, mu, jnp.broadcast_to(defined, ratio.shape))
 
     @property
@@ -114,6 +126,7 @@ class Warp(eqx.Module):
 
     def strength(self, frustum: ViewFrustum) -> Float[Array, "..."]:
         """log(eta) / log(n/f): at theta = pi/2, 0 for SSM, 1/2 for LiSPSM and 1 for PSM."""
+        instance("frustum", frustum, ViewFrustum)
         return -jnp.log(self.eta) / jnp.log1p((frustum.far - frustum.near) / frustum.near)
 
     def over(self, body: Body) -> "Warp":
@@ -127,6 +140,7 @@ class Warp(eqx.Module):
             >>> round(float(farther.lam), 4)   # the apex stays 10 behind the eye
             15.0
         """
+        _refuse_no_extent(body)
         start, mu = jnp.asarray(body.start, self.eta.dtype), jnp.asarray(body.mu, self.eta.dtype)
         # Starts that are equal up to rounding are treated as equal: their difference would be all rounding where mu is
         # much smaller.
@@ -164,11 +178,15 @@ def refuse_lost(lost: Bool[Array, "..."]) -> None:
         )
 
 
-def _with_extent(name: str, value: Numbers, body: Body) -> tuple[Array, Array, Array]:
+def _refuse_no_extent(body: Body) -> None:
     if not (hasattr(body, "start") and hasattr(body, "mu")):
         raise ValueError(
             f"body: got {type(body).__name__}, expected an object with start and mu, such as a FrustumView or an Extent"
         )
+
+
+def _with_extent(name: str, value: Numbers, body: Body) -> tuple[Array, Array, Array]:
+    _refuse_no_extent(body)
     value, start, mu = float_arrays(**{name: value, "start": body.start, "mu": body.mu})
     start = checked("start", start, lambda v: abs(v) < jnp.inf, "a finite length")
-    return value, start, checked("mu", mu, lambda v: v > 0, "a length > 0")
+    return value, start, checked("mu", mu, lambda v: (v > 0) & (v < jnp.inf), "a finite length > 0")

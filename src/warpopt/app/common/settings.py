@@ -18,15 +18,18 @@ class ConfigError(Exception):
 
 
 class Section(pydantic.BaseModel):
-    """A table of a configuration: frozen, without unknown keys, all numbers finite."""
+    """A table of a configuration: frozen, without unknown keys, all numbers finite.
 
-    model_config = pydantic.ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    Strict: a number is not true and not "30", and true is not 1 or "yes".
+    """
+
+    model_config = pydantic.ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
 
-# Strict: a number is not true and not "30".
-Positive = Annotated[float, Field(gt=0, strict=True)]
-HalfFovDeg = Annotated[float, Field(gt=0, lt=90, strict=True)]
-ThetaDeg = Annotated[float, Field(ge=0, le=180, strict=True)]
+FileName = Annotated[Path, Field(strict=False)]  # TOML has text for it
+Positive = Annotated[float, Field(gt=0)]
+HalfFovDeg = Annotated[float, Field(gt=0, lt=90)]
+ThetaDeg = Annotated[float, Field(ge=0, le=180)]
 if TYPE_CHECKING:
     Metric = str
 else:
@@ -85,7 +88,7 @@ class ThetaRange(Section):
 
     start: ThetaDeg
     stop: ThetaDeg
-    count: Annotated[int, Field(ge=1, le=10_000_000, strict=True)]
+    count: Annotated[int, Field(ge=1, le=10_000_000)]
 
     def values(self) -> np.ndarray:
         return np.linspace(self.start, self.stop, self.count)
@@ -123,7 +126,7 @@ class ObjectiveConfig(Section):
 class OutputConfig(Section):
     """Where the results go."""
 
-    directory: Path
+    directory: FileName
     figures: bool = True
 
 
@@ -178,6 +181,8 @@ def _expectation(message: str) -> str:
         return "expected a path"
     if message.endswith("exceeded maximum size") or "parse string" in message:
         return "expected a valid integer" if "integer" in message else "expected a valid number"
+    if "valid boolean" in message:
+        return "expected true or false"
     if "valid dictionary" in message:
         return "expected a table of keys"
     return message.replace("Input should be", "expected").replace("Input should have", "expected")

@@ -47,8 +47,10 @@ FarPlane = Annotated[
     Positive | None,
     pydantic.BeforeValidator(_no_plane_for_inf),
 ]
-Number = Annotated[float, Field(strict=True)]  # not true and not "30"
-Resolution = tuple[Annotated[int, Field(ge=1, le=65_536)], Annotated[int, Field(ge=1, le=65_536)]]
+# Of a list in TOML; its numbers stay strict.
+Four = Annotated[tuple[float, float, float, float], Field(strict=False)]
+_Pixels = Annotated[int, Field(ge=1, le=65_536)]
+Resolution = Annotated[tuple[_Pixels, _Pixels], Field(strict=False)]
 
 
 def exactly_one(section: Any, names: tuple[str, ...]) -> None:
@@ -106,14 +108,14 @@ class CameraConfig(NearFar):
     """Half the horizontal field of view, instead."""
     aspect: Positive | None = None
     """Width over height; by default that of objective.screen, or 1."""
-    window: tuple[float, float, float, float] | None = None
+    window: Four | None = None
     """Slopes (left, right, bottom, top) of the side planes, instead of field of view and aspect."""
     fx: Positive | None = None
     """A pinhole camera, instead of these: focal lengths fx and fy, principal point (cx, cy) from the top left, in
     pixels of an image of `image_size`."""
     fy: Positive | None = None
-    cx: Number | None = None
-    cy: Number | None = None
+    cx: float | None = None
+    cy: float | None = None
     image_size: Resolution | None = None
     """(width, height); by default that of the depth file, or objective.screen."""
     first_centre: Annotated[float, pydantic.AfterValidator(_of_a_pixel)] = 0.5
@@ -131,9 +133,12 @@ class CameraConfig(NearFar):
         if alone and self.fx is None:
             raise ValueError(f"got {min(alone)} without fx, expected it with a pinhole camera only")
         if self.view_matrix is not None:
-            if self.forward is not None or self.target is not None:
-                raise ValueError("got forward or target with view_matrix, expected one or the other")
+            other = {"forward", "target", "up"} & self.model_fields_set
+            if other:
+                raise ValueError(f"got {min(other)} with view_matrix, expected one or the other")
         else:
+            if "looks_along" in self.model_fields_set:
+                raise ValueError("got looks_along without view_matrix, expected it with a view_matrix only")
             exactly_one(self, ("forward", "target"))
             if np.linalg.norm(self._forward()) == 0:
                 raise ValueError(f"got target {self.target}, which is the position, expected another point")

@@ -12,10 +12,10 @@ from pydantic import Field
 from warpopt.objective import METRICS, MOST_MOMENTS, Measure, Objective
 
 from ...scene_files.scene_camera import orientation
-from ..common.settings import Distinct, Norm, Positive, Section, listed
-from .camera_settings import CameraConfig, Direction, Number, Resolution, Triple, Vector, exactly_one
+from ..common.settings import Distinct, FileName, Norm, Positive, Section, listed, read_data, validated
+from .camera_settings import CameraConfig, Direction, Four, Resolution, Triple, Vector, exactly_one
 
-Index = Annotated[int, Field(ge=0, strict=True)]  # true is not a number
+Index = Annotated[int, Field(ge=0)]
 
 
 def _file_s_light(value: Any) -> Any:
@@ -108,7 +108,7 @@ class BoxReceivers(Section):
 class PlaneReceivers(Section):
     """The part of a convex body in the view frustum: world half-spaces a x + b y + c z + d >= 0."""
 
-    planes: Annotated[list[tuple[float, float, float, float]], Field(min_length=1, max_length=64)]
+    planes: Annotated[list[Four], Field(min_length=1, max_length=64)]
 
     @pydantic.field_validator("planes")
     @classmethod
@@ -121,7 +121,7 @@ class PlaneReceivers(Section):
 class DepthReceivers(Section):
     """The depth buffer of the frame: one `.npy`, `.npz`, OpenEXR, PFM or 16-bit PNG file for each camera."""
 
-    files: Annotated[list[Path], pydantic.BeforeValidator(listed), Field(min_length=1)]
+    files: Annotated[list[FileName], pydantic.BeforeValidator(listed), Field(min_length=1)]
     encoding: Literal["linear", "standard", "reversed"] = "linear"
     channel: str | None = None
     """Channel of an OpenEXR file; by default Z, or the only layer's Z."""
@@ -131,7 +131,7 @@ class DepthReceivers(Section):
     """Array of a `.npz` with more than one."""
     scale: Positive | None = None
     """Factor for the file's values, such as 0.001 for millimetres; required for integers."""
-    background: Number | None = None
+    background: float | None = None
     """Values at or beyond it are background; the camera's far plane by default. inf and values <= 0 always are."""
     nan_is_background: bool = False
     rows: Literal["top_down", "bottom_up"] = "top_down"
@@ -149,7 +149,7 @@ class _Rasterised(Section):
 class GltfReceivers(_Rasterised):
     """The visible surfaces of a glTF file, and its camera if there is no [camera]."""
 
-    file: Path
+    file: FileName
     camera: Index | str = 0
     """Which of the file's cameras, by number or name."""
     far: Positive | None = None
@@ -278,3 +278,14 @@ class SceneSettings(Section):
         """The aspect for cameras without one."""
         screen = self.objective.screen
         return screen[0] / screen[1] if screen else 1.0
+
+
+def read_settings(path: Path) -> SceneSettings:
+    """The scene of a TOML file of `warpopt scene`, without its [output].
+
+    Raises:
+        ConfigError: a file that is missing or not TOML, or invalid settings; a line for each error.
+    """
+    data = read_data(path, [])
+    data.pop("output", None)
+    return validated(SceneSettings, data, str(path))

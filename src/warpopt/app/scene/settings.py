@@ -1,16 +1,15 @@
 """The configuration of `warpopt scene`: a scene, and its output. Does not import JAX."""
 
-from pathlib import Path
 from typing import Literal
 
-from ..common.settings import Section
+from ..common.settings import FileName, Section
 from ..inputs.scene_settings import SceneSettings
 
 
 class SceneOutput(Section):
     """Output folder, and the graphics API of the matrices."""
 
-    directory: Path
+    directory: FileName
     figures: bool = True
     convention: Literal["opengl", "direct3d", "vulkan"] = "opengl"
     """direct3d: for row vectors; the others for column vectors."""

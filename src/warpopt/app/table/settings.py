@@ -7,7 +7,7 @@ import pydantic
 from pydantic import Field
 
 from ..common.output import TABLE_ENDINGS
-from ..common.settings import HalfFovDeg, NearFar, OneObjective, Positive, Section
+from ..common.settings import FileName, HalfFovDeg, NearFar, OneObjective, Positive, Section
 
 
 class Rising(Section):
@@ -55,8 +55,8 @@ class TableView(NearFar):
 class ThetaSpan(Rising):
     """First and last angle between light and view direction; a lookup mirrors angles beyond 90 degrees."""
 
-    start: Annotated[float, Field(ge=0, lt=90, strict=True)] = 0.0
-    stop: Annotated[float, Field(gt=0, le=90, strict=True)] = 90.0
+    start: Annotated[float, Field(ge=0, lt=90)] = 0.0
+    stop: Annotated[float, Field(gt=0, le=90)] = 90.0
 
 
 class TableLight(Section):
@@ -77,7 +77,7 @@ class TableObjective(OneObjective):
 class TableOutput(Section):
     """The output file."""
 
-    file: Path
+    file: FileName
     """Ends in .npz, .csv or .json."""
 
     @pydantic.field_validator("file")

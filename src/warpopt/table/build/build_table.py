@@ -7,7 +7,7 @@ from collections.abc import Generator
 import jax
 import numpy as np
 
-from ..._checks import instance, pair
+from ..._checks import instance, pair, refuse_traced
 from ...objective import Objective, objective_or_default
 from ...theory.view_frustum import ViewFrustum
 from .greedy import Grid
@@ -113,6 +113,7 @@ def build_table(
 
 def _ranges(frustum: ViewFrustum, theta_range, depth_ratio_range, half_fov_range) -> Ranges:
     instance("frustum", frustum, ViewFrustum)
+    refuse_traced("build_table", frustum)
     if frustum.near.shape:
         raise ValueError(f"frustum: got shape {frustum.near.shape}, expected one frustum")
     first, last = pair("theta_range", theta_range, math.isfinite, "two angles")
