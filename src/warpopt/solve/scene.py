@@ -41,13 +41,18 @@ def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]
     frame = view.frame()
     footprint = view.receivers.footprint(view.camera, frame, objective)
     log_norm = _log_norm(footprint, frame, objective)
-    optimum = minimise(log_norm, min_eta)
-    value, unwarped = value_at(log_norm, optimum.log_eta), value_at(log_norm, jnp.zeros_like(optimum.log_eta))
-    excess = jnp.zeros_like(value)
     # For an L_P norm of E_p the moments come from the individual receivers: grouping loses nothing.
-    if footprint.grouped and (objective.supremum or objective.has_beta):
+    if not (footprint.grouped and (objective.supremum or objective.has_beta)):
+        optimum = minimise(log_norm, min_eta)
+        value, unwarped = _with_unwarped(log_norm, optimum.log_eta)
+        excess = jnp.zeros_like(value)
+    else:
         best_case = eqx.tree_at(lambda n: n.footprint, log_norm, footprint.at_best())
-        least = value_at(best_case, minimise(best_case, min_eta).log_eta)
+        # Both in one map: the search is compiled once.
+        both = jax.tree.map(lambda *v: jnp.stack(v), log_norm, best_case)
+        optima = jax.vmap(minimise, (0, None))(both, min_eta)
+        optimum = jax.tree.map(lambda v: v[0], optima)
+        (value, least), (unwarped, _) = jax.vmap(_with_unwarped)(both, optima.log_eta)
         excess = jnp.where(least > 0, value / jnp.where(least > 0, least, 1) - 1, 0)
         excess = jnp.where(excess > 0, excess, 0)
     value, unwarped, excess = (jnp.where(footprint.empty, 0, v) for v in (value, unwarped, excess))
@@ -56,6 +61,12 @@ def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]
     log_eta = jnp.where(finite, optimum.log_eta, jnp.nan)
     warp = Warp(jnp.exp(log_eta), -jnp.expm1(log_eta), footprint.start, footprint.mu, jnp.ones((), bool))
     return SceneSolution(warp, value, outcome, optimum.residual, optimum.margin, unwarped, excess, frame, footprint)
+
+
+def _with_unwarped(log_norm: LogNorm, log_eta: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """The norm at the optimum, and without a warp."""
+    value, unwarped = jax.vmap(lambda u: value_at(log_norm, u))(jnp.stack([log_eta, jnp.zeros_like(log_eta)]))
+    return value, unwarped
 
 
 @functools.partial(jax.jit, static_argnames=("objective",))
