@@ -94,8 +94,8 @@ MUTATIONS = (
     Mutation("solve/footprint_optimum.py", "Outcome.kink, Outcome.tie), Outcome.stationary)",
              "Outcome.tie, Outcome.tie), Outcome.stationary)",
              "scene_warp", "yz_plane"),
-    Mutation("solve/footprint_optimum.py", "met = met & (fixed.slope(at, below) <= 0) & (fixed.slope(at, above) >= 0)",
-             "met = met & (fixed.slope(at, below) <= 0)", "scene_warp receivers", "brute_force or yz or excess"),
+    Mutation("solve/footprint_optimum.py", "met = met & (slopes[0] <= 0) & (slopes[1] >= 0)",
+             "met = met & (slopes[0] <= 0)", "scene_warp receivers", "brute_force or yz or excess"),
     Mutation("solve/footprint_optimum.py", "curvature > eps**0.5)", "curvature > 1e300)", "scene_warp", "brute or yz"),
     Mutation("solve/scene.py", "value / jnp.where(least > 0, least, 1) - 1", "0 * value", "receivers depth_buffer",
              "excess or cells or pixels"),
@@ -131,7 +131,7 @@ EQUIVALENT = {
     ("receivers/polytope.py", "tolerance = 0 * eps * reach"): (
         "a corner ends several edges, and rounding spares one of them in every pose tried (squares, lines, points)"
     ),
-    ("solve/footprint_optimum.py", "met = met & (fixed.slope(at, below) <= 0)"): (
+    ("solve/footprint_optimum.py", "met = met & (slopes[0] <= 0)"): (
         "the root finder ends where the slope turns positive, so that the piece above rises"
     ),
 }

@@ -22,7 +22,7 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # workers have their parent's
     atexit.register(shutil.rmtree, _cache, ignore_errors=True)
     os.environ |= {
         "JAX_COMPILATION_CACHE_DIR": _cache,
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.05",
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2",  # writing what is compiled faster costs more than it saves
         "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
     }
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # jaxlib 0.10.1 warns at each program that it reads
@@ -60,6 +60,14 @@ jax.config.update("jax_enable_x64", LANE != "single")
 gc.collect()
 gc.freeze()
 gc.set_threshold(200_000, 50, 1000)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_unconfigure():
+    """Look for garbage once: pytest does five times at its end, through all that JAX compiled."""
+    gc.unfreeze()
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_report_header():

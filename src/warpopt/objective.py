@@ -93,8 +93,8 @@ class Objective:
 
     Attributes:
         terms: the metrics whose maximum is taken; a single one, except for "max"; none for "edge" and "band".
-        kernel: name of the size of a texel (`theory.KERNELS`) whose mean over weighted receivers this is: "edge", "band",
-            or "max" in an L_P norm; None for all others, which need only extents or moments.
+        kernel: the size of a texel (a name in `theory.KERNELS`) whose mean over weighted receivers this is: "edge",
+            "band", or "max" in an L_P norm; None for all others, which need only extents or moments.
         order: P of the norm, inf for the maximum over the receivers.
         measure: name of the measure of an L_P norm (see `Measure`). Receivers that are a set (points, pixels, a
             histogram) are weighted by their weights and accept only the default.

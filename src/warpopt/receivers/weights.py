@@ -22,7 +22,7 @@ class Weights(eqx.Module):
         shape: of the set of receivers.
 
     Raises:
-        ValueError: another word or shape, a negative weight, NaN or infinity; a mask that is neither boolean nor 0 and 1.
+        ValueError: another word or shape, a negative weight, NaN or infinity; a mask of anything but booleans, 0 and 1.
     """
 
     values: Float[Array, "..."] | None
@@ -71,7 +71,8 @@ def mask_of(name: str, mask: Any, shape: tuple[int, ...] | None) -> Bool[Array, 
     Raises:
         ValueError: another shape, or values that are neither booleans nor 0 and 1.
     """
-    (values,) = float_arrays(**{name: jnp.asarray(mask, float) if getattr(mask, "dtype", None) == bool else mask})
+    boolean = jnp.result_type(mask if hasattr(mask, "dtype") else np.asarray(mask)) == np.dtype(bool)
+    (values,) = float_arrays(**{name: jnp.asarray(mask, float) if boolean else mask})
     if shape is not None and values.shape != shape:
         raise ValueError(f"{name}: got shape {values.shape}, expected {shape}")
     return checked(name, values, lambda v: (v == 0) | (v == 1), "true or false, or 0 and 1") == 1

@@ -180,7 +180,8 @@ def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> FootprintOptimum:
 
     # Slopes are sums of a few terms of order one: below this bound they are rounding, and the minimum is flat.
     noise = 16 * eps
-    margin, at_floor = rise(upper, None)[0], rise(lower, None)[0]
+    # Mapped, here and below, so that each formula is compiled once: compiling takes most of a first call.
+    margin, at_floor = jax.vmap(lambda u: rise(u, None)[0])(jnp.stack([upper, lower]))
     # Receivers all on W's axis have no lateral error: E_q and E_pxq are zero for every warp.
     sides = fixed.footprint.sides
     nothing = fixed.footprint.flat | fixed.footprint.empty
@@ -219,7 +220,9 @@ def settled(log_norm: LogNorm | SampleNorm, found: Array, eps: float) -> tuple[A
     """
     fixed = jax.lax.stop_gradient(log_norm)
     reach = 4 * eps**0.5
-    below, above = fixed.active(found - reach), fixed.active(found + reach)
+    near = jax.vmap(fixed.active)(jnp.stack([found - reach, found, found + reach]))
+    below, active, above = (jax.tree.map(lambda v, i=i: v[i], near) for i in range(3))
+    both = jax.tree.map(lambda v: v[::2], near)
     same_top, same_sides = below.same_top(above), below.same_sides(above)
 
     def step(gap, slope, usable):
@@ -228,23 +231,22 @@ def settled(log_norm: LogNorm | SampleNorm, found: Array, eps: float) -> tuple[A
         return jnp.where(usable, -gap / slope, 0)
 
     # Where two pieces meet: the crossing of their values, if the minimum is there (one falls, one rises).
-    crossing = found + step(
-        log_norm.value(found, below) - log_norm.value(found, above),
-        fixed.slope(found, below) - fixed.slope(found, above),
-        fixed.slope(found, below) != fixed.slope(found, above),
-    )
+    values = jax.vmap(log_norm.value, (None, 0))(found, both)
+    slopes = jax.vmap(fixed.slope, (None, 0))(found, both)
+    crossing = found + step(values[0] - values[1], slopes[0] - slopes[1], slopes[0] != slopes[1])
     at = jax.lax.stop_gradient(crossing)
     met = ~(same_top & same_sides) & (jnp.abs(at - found) <= 2 * reach)
-    met = met & (fixed.slope(at, below) <= 0) & (fixed.slope(at, above) >= 0)
+    slopes = jax.vmap(fixed.slope, (None, 0))(at, both)
+    met = met & (slopes[0] <= 0) & (slopes[1] >= 0)
     # Where one piece is stationary.
-    active = fixed.active(found)
     curvature = jax.jvp(lambda v: fixed.slope(v, active), (found,), (jnp.ones_like(found),))[1]
     stationary = found + step(log_norm.slope(found, active), curvature, curvature > eps**0.5)
     at = jax.lax.stop_gradient(stationary)
     stationary = jnp.where(jnp.abs(at - found) <= reach, stationary, found)
     u = jnp.where(met, crossing, stationary)
     at = jax.lax.stop_gradient(u)
-    gap = jnp.where(met, fixed.value(at, below) - fixed.value(at, above), fixed.slope(at, active))
+    values = jax.vmap(fixed.value, (None, 0))(at, both)
+    gap = jnp.where(met, values[0] - values[1], fixed.slope(at, active))
     outcome = jnp.where(met, jnp.where(same_top, Outcome.kink, Outcome.tie), Outcome.stationary)
     return u, outcome, jnp.abs(gap)
 

@@ -1,4 +1,4 @@
-"""The optimal warp for a mean over weighted receivers: found and proved by parabolas, then settled to the last digit."""
+"""The optimal warp for a mean over weighted receivers: found and proved by parabolas, then settled."""
 
 from typing import NamedTuple
 

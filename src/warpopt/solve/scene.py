@@ -13,7 +13,7 @@ from ..receivers.footprint import Footprint
 from ..theory.light_frame import LightFrame
 from ..theory.warp import Warp
 from ..views import SceneView, one_light, settled
-from .footprint_optimum import LogNorm, Term, minimise, value_at
+from .footprint_optimum import FootprintOptimum, LogNorm, Term, minimise, value_at
 from .outcome import Outcome
 from .sample_norm import SampleNorm
 from .sample_optimum import excess_of_cells, minimise_mean
@@ -48,22 +48,14 @@ def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]
     frame = view.frame()
     footprint = footprint_of(view.receivers, view.camera, frame, objective)
     log_norm = _log_norm(footprint, frame, objective)
-    grouped = footprint.grouped and (objective.supremum or objective.has_beta or objective.kernel is not None)
-    best_case = eqx.tree_at(lambda n: n.footprint, log_norm, footprint.at_best()) if grouped else log_norm
-    zero = jnp.zeros_like(footprint.mu)
     if isinstance(log_norm, SampleNorm):
-        optimum, lower = minimise_mean(log_norm, min_eta)
-        value = value_at(log_norm, optimum.log_eta)
-        gap = jnp.where(lower > 0, value / jnp.where(lower > 0, lower, 1) - 1, 0)
-        excess = excess_of_cells(log_norm, best_case, optimum.log_eta, min_eta) if footprint.grouped else zero
+        optimum, value, excess, gap = _of_samples(log_norm, min_eta)
     else:
-        optimum, gap = minimise(log_norm, min_eta), zero
-        value = value_at(log_norm, optimum.log_eta)
         # For an L_P norm of E_p the moments come from the individual receivers: grouping loses nothing.
-        least = value_at(best_case, minimise(best_case, min_eta).log_eta) if grouped else value
-        excess = jnp.where(least > 0, value / jnp.where(least > 0, least, 1) - 1, 0) if grouped else zero
-    unwarped = value_at(log_norm, zero)
-    gap, excess = (jnp.where(v > 0, v, 0) for v in (gap, excess))
+        grouped = footprint.grouped and (objective.supremum or objective.has_beta)
+        optimum, value, excess = _of_extents(log_norm, grouped, min_eta)
+        gap = jnp.zeros_like(value)
+    unwarped = value_at(log_norm, jnp.zeros_like(value))
     value, unwarped, excess, gap = (jnp.where(footprint.empty, 0, v) for v in (value, unwarped, excess, gap))
     finite = jnp.isfinite(value) & jnp.isfinite(optimum.log_eta)
     outcome = optimum.outcome
@@ -76,6 +68,38 @@ def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]
     return SceneSolution(
         warp, value, outcome, optimum.residual, optimum.margin, unwarped, excess, gap, frame, footprint
     )
+
+
+def _of_extents(log_norm: LogNorm, grouped: bool, min_eta: Array) -> tuple[FootprintOptimum, Array, Array]:
+    """(the optimum, the norm, its excess over the individual receivers')."""
+    if not grouped:
+        optimum = minimise(log_norm, min_eta)
+        value = value_at(log_norm, optimum.log_eta)
+        return optimum, value, jnp.zeros_like(value)
+    # Both in one map: the search is compiled once.
+    both = jax.tree.map(lambda *v: jnp.stack(v), log_norm, _best_case(log_norm))
+    optima = jax.vmap(minimise, (0, None))(both, min_eta)
+    value, least = jax.vmap(value_at)(both, optima.log_eta)
+    return jax.tree.map(lambda v: v[0], optima), value, _over(value, least)
+
+
+def _of_samples(norm: SampleNorm, min_eta: Array) -> tuple[FootprintOptimum, Array, Array, Array]:
+    """(the optimum, the norm, its excess over the individual receivers', the gap to its lower bound over all eta)."""
+    optimum, lower = minimise_mean(norm, min_eta)
+    value = value_at(norm, optimum.log_eta)
+    grouped = norm.footprint.grouped
+    excess = excess_of_cells(norm, _best_case(norm), optimum.log_eta, min_eta) if grouped else jnp.zeros_like(value)
+    return optimum, value, excess, _over(value, lower)
+
+
+def _best_case(log_norm: LogNorm | SampleNorm) -> LogNorm | SampleNorm:
+    return eqx.tree_at(lambda n: n.footprint, log_norm, log_norm.footprint.at_best())
+
+
+def _over(value: Array, least: Array) -> Array:
+    """value / least - 1, at least 0; 0 where there is no bound."""
+    over = jnp.where(least > 0, value / jnp.where(least > 0, least, 1) - 1, 0)
+    return jnp.where(over > 0, over, 0)
 
 
 @functools.partial(jax.jit, static_argnames=("objective",))

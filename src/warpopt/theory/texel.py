@@ -1,9 +1,9 @@
 """One number for a texel's size on the screen, from the texel's two edges.
 
-A texel of the shadow map is a parallelogram on the light plane. With light-plane lengths over z as its screen image, its
-column edge is (E_p, sigma E_p) and its row edge (0, E_q), in pixels along the screen images of Z_w and X_w. sigma is the
-shear, dx/dd at constant t. Every function here is convex and homogeneous of degree 1 in the three lengths E_p,
-|sigma E_p| and E_q, and falls in none of them, on which the certificate of `solve.weak_convexity` rests.
+A texel of the shadow map is a parallelogram on the light plane. With light-plane lengths over z as its screen image,
+its column edge is (E_p, sigma E_p) and its row edge (0, E_q), in pixels along the screen images of Z_w and X_w; sigma
+is the shear, dx/dd at constant t. Every function here is convex and homogeneous of degree 1 in the lengths E_p,
+|sigma E_p| and E_q, and falls in none of them: the certificate of `solve.weak_convexity` rests on that.
 """
 
 from collections.abc import Callable
