@@ -93,7 +93,7 @@ VALUES = {
     ),
     "NaN points": (
         lambda made: dataclasses.replace(
-            made, unit=made.unit + 0 * PointReceivers(made.unit * jnp.array([[0.0, np.nan, 1.0]])).weights.sum()
+            made, unit=made.unit + 0 * PointReceivers(made.unit * jnp.array([[0.0, np.nan, 1.0]])).points.sum()
         ),
         "points: got nan, expected finite numbers",
     ),

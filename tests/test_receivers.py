@@ -153,9 +153,9 @@ def test_boxes_behind_or_beside_the_view_are_empty():
 
 
 def test_nothing_at_all_is_empty():
-    """No points, the bounds of no objects, weights of zero: outcomes of a frame loop; casters may be none too."""
+    """No points, the bounds of no objects: outcomes of a frame loop; casters may be none too."""
     nothing = (
-        PointReceivers(np.zeros((0, 3))), PointReceivers(np.zeros((3, 3)), np.zeros(3)),
+        PointReceivers(np.zeros((0, 3))),
         ConvexBody.box((np.inf,) * 3, (-np.inf,) * 3), ConvexBody.box((0, 0, 0), (1, -1, 1)),
     )  # fmt: skip
     for receivers in nothing:

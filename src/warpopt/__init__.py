@@ -21,6 +21,8 @@ _HOME = {
     "export_source": "export.sources",
     "Metric": "objective",
     "Objective": "objective",
+    "edge_weights": "render.edge_weights",
+    "RenderedMap": "render.edge_weights",
     "ClipSpace": "render.shadow_matrix",
     "shadow_matrix": "render.shadow_matrix",
     "texel_snap": "render.shadow_matrix",
@@ -49,6 +51,7 @@ if TYPE_CHECKING:
     from .compare.comparison import Comparison
     from .export.sources import export_closed_form, export_source
     from .objective import Metric, Objective
+    from .render.edge_weights import RenderedMap, edge_weights
     from .render.shadow_matrix import ClipSpace, shadow_matrix, texel_snap
     from .solve.optimal_warp import error_norm, optimal_warp
     from .solve.outcome import Outcome

@@ -47,6 +47,7 @@ class ConvexBody(Receivers):
     """
 
     measures = ("screen", "volume", "log_depth", "ground")
+    weighted = False
 
     planes: Float[Array, "K 4"]
 

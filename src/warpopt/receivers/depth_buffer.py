@@ -16,11 +16,11 @@ from ..objective import Objective
 from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
 from .bins import BINS, Groups, bin_of, extent_of, from_groups, with_moments
-from .cells import with_samples
 from .footprint import Footprint
 from .profiles.binned import BinnedProfile, PointSet
 from .receivers import Receivers
-from .weights import Weights
+from .weighted.cells import with_samples
+from .weighted.weights import Weights
 
 Encoding = Literal["linear", "standard", "reversed"]
 # Binning one value costs about as much as all other work for ten, so large buffers are first reduced to this many

@@ -9,12 +9,16 @@ from .._numerics import unit_nodes
 from ..objective import DENSITY_EXPONENT, Objective
 from ..theory.camera import Camera, far_plane
 from ..theory.light_frame import LightFrame
-from .bins import Groups, extent_of, from_groups, with_moments
+from .bins import extent_of, from_groups, singles, with_moments
 from .footprint import Footprint
 from .profiles.hulls import BodyProfile, slab
 from .profiles.slices import Solid
 from .receivers import Receivers
+from .weighted.cells import with_samples
+from .weighted.weights import Weights
 from .whole_frustum import window_nodes
+
+_DEGREE_WITH_KINKS = 22  # 12 by 12 nodes on the screen, 19 in each bin
 
 
 class DepthHistogram(Receivers):
@@ -26,7 +30,10 @@ class DepthHistogram(Receivers):
 
     Args:
         edges: (K + 1,) eye depths, increasing, > 0. The part outside the view frustum is cut off.
-        counts: (K,), >= 0: the weight of each bin; a bin of 0 holds no receivers.
+        counts: (K,), >= 0: how many receivers each bin holds.
+        weights: (K,), >= 0, what a receiver of each bin counts for in an L_P norm, or "uniform" (the default) or
+            "depth", its eye depth. The map holds all receivers, whatever their weight. If all are 0, weights are eye
+            depths.
 
     Raises:
         ValueError: for wrong shapes, edges that do not increase, negative counts, or values that are not finite.
@@ -42,8 +49,9 @@ class DepthHistogram(Receivers):
 
     edges: Float[Array, " E"]
     counts: Float[Array, " K"]
+    weights: Weights
 
-    def __init__(self, edges: Numbers, counts: Numbers):
+    def __init__(self, edges: Numbers, counts: Numbers, weights: Numbers | str | None = None):
         edges, counts = float_arrays(edges=edges, counts=counts)
         if edges.ndim != 1 or counts.shape != (len(edges) - 1,) or not len(counts):
             raise ValueError(f"counts: got shape {counts.shape} with edges {edges.shape}, expected one count for a bin")
@@ -52,34 +60,38 @@ class DepthHistogram(Receivers):
             "edges", edges, lambda e: jnp.concatenate([jnp.diff(e) > 0, jnp.ones(1, bool)]), "increasing depths"
         )
         self.counts = checked("counts", counts, lambda c: (c >= 0) & (c < np.inf), "finite numbers >= 0")
+        self.weights = Weights(weights, None, counts.shape)
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
-        """See `Receivers`. Each bin is a slab of the frustum, and a group."""
+        """See `Receivers`. Each bin is a slab of the frustum."""
         whole = self.edges.astype(camera.near.dtype)
         edges = jnp.clip(whole, camera.near, camera.far)
         counts = self.counts * jnp.diff(edges) / jnp.diff(whole)  # cut bins keep their share of the count
         there = (counts > 0) & (edges[1:] > edges[:-1])
-        corners = camera.corner_slopes()
-
-        def ends(axis: Array) -> tuple[Array, Array]:
-            values = (corners @ axis)[:, None, None] * jnp.stack([edges[:-1], edges[1:]])
-            return jnp.where(there, values.min((0, 1)), jnp.inf), jnp.where(there, values.max((0, 1)), -jnp.inf)
-
-        z = jnp.where(there, edges[:-1], jnp.inf)
-        (d_least, d_largest), (x_least, x_largest), (h_least, h_largest) = map(
-            ends, (frame.z_axis, frame.x_axis, frame.light)
-        )
-        footprint = from_groups(Groups(d_least, d_largest, x_least, x_largest, h_least, h_largest, z), camera.near)
+        # A slab's errors are largest, and its extents attained, at its corners.
+        corners = camera.corner_slopes()[:, None, None] * jnp.stack([edges[:-1], edges[1:]])[..., None]
+        valid = jnp.broadcast_to(there, corners.shape[:-1])
+        footprint = from_groups(singles(valid.ravel(), corners.reshape(-1, 3), frame), camera.near, grouped=False)
         if objective.supremum:
             return footprint
-        degree = round(objective.blend_degree)
-        points, weights = window_nodes(camera, "screen", degree)
+        # Means of a size with kinks converge with the square of the number of nodes; these are off by some 1e-4.
+        degree = _DEGREE_WITH_KINKS if objective.kernel is not None else round(objective.blend_degree)
+        points, share = window_nodes(camera, "screen", degree)
         t, w = unit_nodes(degree // 2 + 8, edges.dtype)  # error 1e-10 for a bin with a z ratio of 10
         inner = edges[:-1, None] + jnp.diff(edges)[:, None] * t
         d = (points @ frame.z_axis)[:, None, None] * inner
-        mass = jnp.where(there, counts, 0)[:, None] * w * weights[:, None, None]
-        unit = jnp.where(footprint.empty, 1, z.min())
-        rows = d, jnp.broadcast_to(jnp.where(there[:, None], inner, unit), d.shape), mass
+        unit = jnp.where(footprint.empty, 1, jnp.where(there, edges[:-1], jnp.inf).min())
+        inner = jnp.where(there[:, None], inner, unit)
+        weights, by_depth = self.weights.of_groups(inner, there & (counts > 0))
+        if not self.weights.uniform:
+            footprint = footprint.weighted_by_depth(by_depth)
+        mass = jnp.where(there, counts, 0)[:, None] * w * weights * share[:, None, None]
+        rows = d, jnp.broadcast_to(inner, d.shape), mass
+        if objective.kernel is not None:
+            x = (points @ frame.x_axis)[:, None, None] * inner
+            seen = jnp.broadcast_to(there[:, None], d.shape)
+            rows = jnp.where(seen, d, footprint.start), x, *rows[1:], seen
+            return with_samples(footprint, rows, lambda row: row, unit, objective, own_sides=True)
         return with_moments(footprint, rows, lambda row: (row[0], unit / row[1], row[2]), unit, objective)
 
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
@@ -89,10 +101,22 @@ class DepthHistogram(Receivers):
         return extent_of(z, jnp.broadcast_to(there, z.shape))
 
     def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> BodyProfile:
-        """See `Receivers`. Each bin is a slab of the frustum."""
+        """See `Receivers`. Each bin is a slab of the frustum.
+
+        Raises:
+            ValueError: weights that are eye depths, with an L_P norm.
+        """
         whole = self.edges.astype(camera.near.dtype)
         edges = jnp.clip(whole, camera.near, camera.far)
-        weights = self.counts.astype(edges.dtype) / jnp.diff(whole)  # cut bins keep their share of the count
+        counts = self.counts.astype(edges.dtype)
+        if not (objective.supremum or self.weights.uniform):
+            if self.weights.values is None or not bool((self.weights.values * counts > 0).any()):
+                raise ValueError(
+                    "weights: got eye depths in a DepthHistogram, for which no lower bound is known, expected one "
+                    "number for each bin"
+                )
+            counts = counts * self.weights.values.astype(edges.dtype)
+        weights = counts / jnp.diff(whole)  # cut bins keep their share of the count
         weights = jnp.where(edges[1:] > edges[:-1], weights, 0)
         planes = camera.planes().at[4, 3].set(-edges[0]).at[5].set(far_plane(edges[-1]))
         near, far = (np.asarray(v) for v in (edges[:-1], edges[1:]))

@@ -13,11 +13,11 @@ from ..objective import Objective
 from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
 from .bins import BINS, bin_of, ends, extent_of, from_groups, grouped, with_moments
-from .cells import EXACT, with_samples
 from .footprint import Footprint
 from .profiles.binned import BinnedProfile, PointSet
 from .receivers import Receivers
-from .weights import Weights
+from .weighted.cells import EXACT, with_samples
+from .weighted.weights import Weights
 
 
 class PointReceivers(Receivers):

@@ -26,6 +26,7 @@ class Receivers(eqx.Module):
 
     Attributes:
         measures: the measures that L_P norms over this kind accept; a set is weighted by its weights instead.
+        weighted: whether the kind is a set with weights, over which means of "edge", "band" and "max" can be taken.
         one_at_a_time: whether one pass uses all cores, so that views are solved one after the other.
 
     Example:
@@ -44,6 +45,7 @@ class Receivers(eqx.Module):
     """
 
     measures: ClassVar[tuple[str, ...]] = ("screen",)
+    weighted: ClassVar[bool] = True
     one_at_a_time: ClassVar[bool] = False
 
     @abc.abstractmethod
@@ -83,8 +85,13 @@ class Receivers(eqx.Module):
             objective: None if only the receivers' extents are needed.
 
         Raises:
-            ValueError: a measure that this kind does not support.
+            ValueError: a measure or a mean that this kind does not support.
         """
+        if objective is not None and objective.kernel is not None and not self.weighted:
+            raise ValueError(
+                f"metric: got {objective.name!r} in norm {objective.norm} with {type(self).__name__}, expected points, "
+                "a depth buffer or a histogram: it is a mean over receivers with weights"
+            )
         if objective is not None and objective.measure not in self.measures:
             expected = ", ".join(map(repr, self.measures))
             raise ValueError(

@@ -29,6 +29,7 @@ class WholeFrustum(Receivers):
     """
 
     measures = EVERY_MEASURE
+    weighted = False
 
     def check(self, camera: Camera, light: DirectionalLight, objective: Objective | None) -> None:
         """See `Receivers`.

@@ -139,7 +139,7 @@ def _array(path: Path, file: IO[bytes], size: int) -> np.ndarray:
         raise ValueError(f"{path}: cannot be read as .npy: got a broken header") from None
     if dtype.hasobject:
         raise ValueError(f"{path}: cannot be read as .npy: got Python objects, expected numbers")
-    if dtype.kind not in "fiu":
+    if dtype.kind not in "fiub":
         raise ValueError(f"{path}: got values of type {dtype}, expected real numbers")
     promised = dtype.itemsize
     for length in shape:  # Python integers do not overflow
@@ -168,7 +168,7 @@ def _picture(path: Path, kind: str) -> np.ndarray:
         with _quiet(), Image.open(path, formats=("PNG",) if kind == "PNG" else ("PPM",)) as image:
             mode, (width, height) = image.mode, image.size
             fits = width * height <= _MOST_PIXELS
-            if fits and (mode in ("F", "L") or mode.startswith("I")):
+            if fits and (mode in ("1", "F", "L") or mode.startswith("I")):
                 values = np.array(image)
     except Exception:  # broken data can raise anything
         raise ValueError(f"{path}: cannot be read as {kind}: got broken data, or colours") from None

@@ -79,6 +79,8 @@ def decoded_image(
             raise ValueError(f"{name}: got {got!r}, expected one of {', '.join(map(repr, known))}")
     if distance == "ray" and (encoding != "linear" or window is None):
         raise ValueError("distance: got 'ray', expected linear encoding and a window with it")
+    if values.dtype.kind == "b":
+        raise ValueError("got true and false, expected depths")
     if scale is None and values.dtype.kind != "f":
         raise ValueError(f"got integers ({values.dtype}), expected scale with them (0.001 for millimetres)")
     if scale is not None and not 0 < scale < np.inf:

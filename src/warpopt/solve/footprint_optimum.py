@@ -6,8 +6,7 @@ Up to a constant, the logarithm of the norm in u = log(eta) is
 
 where top is the largest k log A - r log z among a few receivers (L-inf), or the log of a polynomial's P-th root (L_P).
 It is pseudo-convex: the sign of its slope changes once, so the root finder needs only the sign. The condition at the
-root (a stationary point, a tie of two receivers, a kink of the width) is then identified by evaluating just below and
-just above, and solving that condition gives the last digits and the derivatives.
+root (a stationary point, a tie of two receivers, a kink of the width) is then settled in `pieces`.
 """
 
 from typing import NamedTuple
@@ -23,7 +22,7 @@ from ..receivers.footprint import Footprint
 from ..receivers.moments import Moments
 from ..theory.light_space import LightDepth
 from .outcome import Outcome
-from .sample_norm import SampleNorm
+from .pieces import Optimum, settled
 
 
 class Term(eqx.Module):
@@ -152,16 +151,7 @@ def _polynomial_slope(moments: Moments, eta: Array) -> Array:
     return jnp.where(flip, falling, rising)
 
 
-class FootprintOptimum(NamedTuple):
-    """eta, its outcome, the residual of its equation, and the margin by which a warp helps at eta = 1."""
-
-    log_eta: Float[Array, ""]
-    outcome: Int[Array, ""]
-    residual: Float[Array, ""]
-    margin: Float[Array, ""]
-
-
-def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> FootprintOptimum:
+def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> Optimum:
     """The global minimiser, the largest where minima are flat.
 
     The margin is d log(norm) / d log(eta) just below eta = 1, alpha (1 - 2 dbar) + beta (delta_w - dbar). A warp helps
@@ -210,47 +200,4 @@ def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> FootprintOptimum:
     outcome = jnp.where(fixed.footprint.flat, Outcome.flat, outcome)
     outcome = jnp.where(fixed.footprint.empty, Outcome.empty, outcome).astype(jnp.int32)
     margin = jnp.where(nothing, 0, margin)
-    return FootprintOptimum(u, outcome, jnp.where(inside, residual, 0), margin)
-
-
-def settled(log_norm: LogNorm | SampleNorm, found: Array, eps: float) -> tuple[Array, Array, Array]:
-    """(u, outcome, residual): one Newton step on the condition at the root, which carries the derivatives.
-
-    The root finder's u is off by at most about sqrt(eps); the active candidates on both sides identify the condition.
-    """
-    fixed = jax.lax.stop_gradient(log_norm)
-    reach = 4 * eps**0.5
-    near = jax.vmap(fixed.active)(jnp.stack([found - reach, found, found + reach]))
-    below, active, above = (jax.tree.map(lambda v, i=i: v[i], near) for i in range(3))
-    both = jax.tree.map(lambda v: v[::2], near)
-    same_top, same_sides = below.same_top(above), below.same_sides(above)
-
-    def step(gap, slope, usable):
-        """-gap/slope with gap's derivative in the inputs, 0 where not usable."""
-        slope = jnp.where(usable, jax.lax.stop_gradient(slope), 1)
-        return jnp.where(usable, -gap / slope, 0)
-
-    # Where two pieces meet: the crossing of their values, if the minimum is there (one falls, one rises).
-    values = jax.vmap(log_norm.value, (None, 0))(found, both)
-    slopes = jax.vmap(fixed.slope, (None, 0))(found, both)
-    crossing = found + step(values[0] - values[1], slopes[0] - slopes[1], slopes[0] != slopes[1])
-    at = jax.lax.stop_gradient(crossing)
-    met = ~(same_top & same_sides) & (jnp.abs(at - found) <= 2 * reach)
-    slopes = jax.vmap(fixed.slope, (None, 0))(at, both)
-    met = met & (slopes[0] <= 0) & (slopes[1] >= 0)
-    # Where one piece is stationary.
-    curvature = jax.jvp(lambda v: fixed.slope(v, active), (found,), (jnp.ones_like(found),))[1]
-    stationary = found + step(log_norm.slope(found, active), curvature, curvature > eps**0.5)
-    at = jax.lax.stop_gradient(stationary)
-    stationary = jnp.where(jnp.abs(at - found) <= reach, stationary, found)
-    u = jnp.where(met, crossing, stationary)
-    at = jax.lax.stop_gradient(u)
-    values = jax.vmap(fixed.value, (None, 0))(at, both)
-    gap = jnp.where(met, values[0] - values[1], fixed.slope(at, active))
-    outcome = jnp.where(met, jnp.where(same_top, Outcome.kink, Outcome.tie), Outcome.stationary)
-    return u, outcome, jnp.abs(gap)
-
-
-def value_at(log_norm: LogNorm | SampleNorm, u: Float[Array, ""]) -> Float[Array, ""]:
-    """The norm at u, differentiable in the footprint and in u."""
-    return jnp.exp(log_norm.value(u, jax.lax.stop_gradient(log_norm.active(u))))
+    return Optimum(u, outcome, jnp.where(inside, residual, 0), margin)

@@ -13,10 +13,11 @@ from ..receivers.footprint import Footprint
 from ..theory.light_frame import LightFrame
 from ..theory.warp import Warp
 from ..views import SceneView, one_light, settled
-from .footprint_optimum import FootprintOptimum, LogNorm, Term, minimise, value_at
+from .footprint_optimum import LogNorm, Term, minimise
+from .means.sample_norm import SampleNorm
+from .means.sample_optimum import excess_of_cells, minimise_mean
 from .outcome import Outcome
-from .sample_norm import SampleNorm
-from .sample_optimum import excess_of_cells, minimise_mean
+from .pieces import Optimum, value_at
 from .solution import SceneSolution
 
 
@@ -70,30 +71,28 @@ def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]
     )
 
 
-def _of_extents(log_norm: LogNorm, grouped: bool, min_eta: Array) -> tuple[FootprintOptimum, Array, Array]:
+def _of_extents(log_norm: LogNorm, grouped: bool, min_eta: Array) -> tuple[Optimum, Array, Array]:
     """(the optimum, the norm, its excess over the individual receivers')."""
     if not grouped:
         optimum = minimise(log_norm, min_eta)
         value = value_at(log_norm, optimum.log_eta)
         return optimum, value, jnp.zeros_like(value)
+    best_case = eqx.tree_at(lambda n: n.footprint, log_norm, log_norm.footprint.at_best())
     # Both in one map: the search is compiled once.
-    both = jax.tree.map(lambda *v: jnp.stack(v), log_norm, _best_case(log_norm))
+    both = jax.tree.map(lambda *v: jnp.stack(v), log_norm, best_case)
     optima = jax.vmap(minimise, (0, None))(both, min_eta)
     value, least = jax.vmap(value_at)(both, optima.log_eta)
     return jax.tree.map(lambda v: v[0], optima), value, _over(value, least)
 
 
-def _of_samples(norm: SampleNorm, min_eta: Array) -> tuple[FootprintOptimum, Array, Array, Array]:
+def _of_samples(norm: SampleNorm, min_eta: Array) -> tuple[Optimum, Array, Array, Array]:
     """(the optimum, the norm, its excess over the individual receivers', the gap to its lower bound over all eta)."""
     optimum, lower = minimise_mean(norm, min_eta)
     value = value_at(norm, optimum.log_eta)
-    grouped = norm.footprint.grouped
-    excess = excess_of_cells(norm, _best_case(norm), optimum.log_eta, min_eta) if grouped else jnp.zeros_like(value)
+    best_case = eqx.tree_at(lambda n: n.footprint, norm, norm.footprint.at_best())
+    exact = norm.samples.corners is None and not norm.footprint.grouped
+    excess = jnp.zeros_like(value) if exact else excess_of_cells(norm, best_case, optimum.log_eta, min_eta)
     return optimum, value, excess, _over(value, lower)
-
-
-def _best_case(log_norm: LogNorm | SampleNorm) -> LogNorm | SampleNorm:
-    return eqx.tree_at(lambda n: n.footprint, log_norm, log_norm.footprint.at_best())
 
 
 def _over(value: Array, least: Array) -> Array:

@@ -1,13 +1,14 @@
 """Results of a solve."""
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
 from .._checks import checked, floats_of, is_traced, points_of
 from .._words import shown
-from ..objective import Metric, Objective
+from ..objective import Metric
 from ..receivers.footprint import Footprint
 from ..theory.aliasing import aggregate, errors
 from ..theory.light_frame import LightFrame
@@ -95,7 +96,7 @@ class SceneSolution(eqx.Module):
 
         Args:
             eye_points: (..., 3).
-            metric: "p", "q", "pxq", "max" or a `Metric`.
+            metric: "p", "q", "pxq", "max", "edge", "band" or a `Metric`.
             eta: in (0, 1], a number.
 
         Raises:
@@ -108,10 +109,12 @@ class SceneSolution(eqx.Module):
             if eta.shape:
                 raise ValueError(f"eta: got shape {eta.shape}, expected one number; use jax.vmap over more")
             eta = checked("eta", eta, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
-        depth, _, z = self.coordinates(eye_points)
+        depth, x, z = self.coordinates(eye_points)
         along = self.frame.density_p * self.footprint.mu / z
         across = self.frame.density_q * sum(self.footprint.half_widths(eta)) / z
-        return aggregate(Objective(metric).terms, *errors(depth.blend(eta), eta, along, across))
+        blend = depth.blend(eta)
+        sigma = jnp.abs(x) * (1 - eta) * self.frame.pixel_ratio / (self.footprint.mu * blend)
+        return aggregate(metric, *errors(blend, eta, along, across), sigma)
 
 
 def warp_of(warp: Warp | Solution | SceneSolution) -> Warp:

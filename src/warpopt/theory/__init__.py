@@ -13,10 +13,12 @@ from .aliasing import (
 from .camera import Camera, DirectionalLight
 from .light_frame import LightFrame
 from .light_space import LightDepth, LightSpace
+from .texel import KERNELS, edge_offset, larger_error, longest_edge
 from .view_frustum import ViewFrustum
 from .warp import Extent, Warp
 
 __all__ = [
+    "KERNELS",
     "Camera",
     "DirectionalLight",
     "Extent",
@@ -28,8 +30,11 @@ __all__ = [
     "aggregate",
     "aliasing_error",
     "aliasing_error_uz",
+    "edge_offset",
     "errors",
+    "larger_error",
     "local_aliasing_error",
+    "longest_edge",
     "projection_factors",
     "screen_coordinates",
     "texture_coordinates",

@@ -15,6 +15,7 @@ from .._checks import Numbers, floats_of, instance
 from .._numerics import larger, power, smaller
 from ..objective import Metric, Objective
 from .light_space import LightDepth, LightSpace, checked_theta
+from .texel import KERNELS
 from .view_frustum import ViewFrustum
 from .warp import Warp, refuse_lost
 
@@ -52,17 +53,37 @@ def errors(
     return along * blend * (blend / eta), across * blend
 
 
-def aggregate(terms: tuple[Metric, ...], e_p: Float[Array, "..."], e_q: Float[Array, "..."]) -> Float[Array, "..."]:
-    """The largest of E_p^alpha E_q^beta over the terms of a metric.
+def aggregate(
+    metric: str | Metric,
+    e_p: Float[Array, "..."],
+    e_q: Float[Array, "..."],
+    sigma: Float[Array, "..."] | None = None,
+) -> Float[Array, "..."]:
+    """A metric of the two errors: the largest of its products E_p^alpha E_q^beta, or a texel's size (`KERNELS`).
+
+    Args:
+        metric: "p", "q", "pxq", "max", "edge", "band" or a `Metric`.
+        e_p, e_q: of arrays that broadcast.
+        sigma: the shear, for "edge" and "band".
+
+    Raises:
+        ValueError: an unknown metric, or one that needs the shear without one.
 
     Example:
-        >>> import jax.numpy as jnp, warpopt
+        >>> import jax.numpy as jnp
         >>> e_p, e_q = jnp.array([2.0, 1.0]), jnp.array([1.5, 3.0])
-        >>> [aggregate(warpopt.Objective(name).terms, e_p, e_q).tolist() for name in ("pxq", "max")]
+        >>> [aggregate(name, e_p, e_q).tolist() for name in ("pxq", "max")]
         [[3.0, 3.0], [2.0, 3.0]]
     """
-    values = [power(e_p, term.alpha) * power(e_q, term.beta) for term in terms]
-    return functools.reduce(larger, values)
+    objective = Objective(metric)
+    if objective.kernel is None:
+        return functools.reduce(larger, [power(e_p, t.alpha) * power(e_q, t.beta) for t in objective.terms])
+    if sigma is None:
+        raise ValueError(
+            f"metric: got {metric!r}, which also depends on the shear of a texel, expected 'p', 'q', 'pxq', 'max' or a "
+            "warpopt.Metric"
+        )
+    return KERNELS[objective.kernel](e_p, sigma, e_q)
 
 
 def _over(warp: Warp, space: LightSpace) -> Warp:
@@ -78,7 +99,7 @@ def _error(space: LightSpace, warp: Warp, depth: LightDepth, z: Array, metric: s
     eta = _over(warp, space).eta
     along = space.mu / (z * space.tan_phi)
     across = 2 * (space.far / z) / inverse_width(space, eta)
-    return aggregate(Objective(metric).terms, *errors(depth.blend(eta), eta, along, across))
+    return aggregate(metric, *errors(depth.blend(eta), eta, along, across))
 
 
 def aliasing_error(
@@ -149,7 +170,7 @@ def local_aliasing_error(
     (z,) = floats_of(n.dtype, z=z)
     blend = LightDepth((z - n) / (f - n), (f - z) / (f - n)).blend(warp.eta)
     e_p, e_q = errors(blend, warp.eta, (f - n) / (z * jnp.tan(frustum.half_fov)), 2 * f / z)
-    return aggregate(Objective(metric).terms, e_p, e_q)
+    return aggregate(metric, e_p, e_q)
 
 
 def texture_coordinates(

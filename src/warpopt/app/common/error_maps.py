@@ -7,7 +7,6 @@ from jax.typing import ArrayLike
 
 import warpopt
 from warpopt import theory
-from warpopt.objective import Objective
 
 from ...scene_files.scene_camera import SceneCamera
 
@@ -20,7 +19,9 @@ class Mapping:
         x_axis, z_axis: X_w and Z_w in eye coordinates.
         light: the light's direction in eye coordinates.
         start, mu: of the footprint.
+        axis: of the footprint.
         densities: (density_p, density_q) of the light frame.
+        pixel_ratio: of the light frame.
         eta: of the warp.
         width, plain_width: width that the map spans, with and without the warp.
     """
@@ -30,7 +31,9 @@ class Mapping:
     light: np.ndarray
     start: float
     mu: float
+    axis: float
     densities: tuple[float, float]
+    pixel_ratio: float
     eta: float
     width: float
     plain_width: float
@@ -45,7 +48,9 @@ class Mapping:
             light=np.asarray(frame.light),
             start=float(footprint.start),
             mu=float(footprint.mu),
+            axis=float(footprint.axis),
             densities=(float(np.asarray(frame.density_p)), float(np.asarray(frame.density_q))),
+            pixel_ratio=float(np.asarray(frame.pixel_ratio)),
             eta=float(solution.warp.eta),
             width=float(np.asarray(width)),
             plain_width=float(np.asarray(plain_width)),
@@ -130,7 +135,9 @@ def errors(mapping: Mapping, seen: Seen, metric: str, warped: bool) -> np.ndarra
     blend = (1 - delta) * eta + delta
     density_p, density_q = mapping.densities
     e_p, e_q = theory.errors(blend, eta, density_p * mapping.mu / z, density_q * width / z)
-    return np.where(there, theory.aggregate(Objective(metric).terms, e_p, e_q), np.nan)
+    x = z * (seen.slopes @ mapping.x_axis) - mapping.axis
+    sigma = np.abs(x) * (1 - eta) * mapping.pixel_ratio / (mapping.mu * blend)
+    return np.where(there, theory.aggregate(metric, e_p, e_q, sigma), np.nan)
 
 
 def shading(seen: Seen, light: np.ndarray) -> np.ndarray:

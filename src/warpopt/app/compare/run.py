@@ -39,7 +39,7 @@ def run_compare(
     console = console or Console()
     rules = {name: EVERY[name] for name in config.rules.names} | dict(own)
     objective = config.objective
-    count = len(objective.metrics) * len(objective.norms) * (1 if scene is None else len(scene.cameras))
+    count = len(objective.objectives()) * (1 if scene is None else len(scene.cameras))
     with whole_folder(config.output.directory) as folder, progress_bar(console, count + 1) as progress:
         timings = {}
         try:

@@ -11,6 +11,7 @@ from ...scene_files.depth_files import read_values
 from ...scene_files.depth_image import Encoding, decoded_image
 from ...scene_files.gltf import read_geometry, read_gltf_camera, read_light
 from ...scene_files.landscape import landscape
+from ...scene_files.mask_files import read_mask
 from ...scene_files.rasterise import rasterise
 from ...scene_files.scene_camera import SceneCamera
 from ..common.settings import ConfigError
@@ -26,6 +27,7 @@ class SceneInput:
         cameras: the distinct cameras.
         camera_of: for each camera of the configuration, its index in `cameras`.
         depths: an image (height, width) for each distinct camera, encoded as `encoding`; empty for other receivers.
+        lit: a mask (height, width) for each distinct camera, true where the light reaches; empty if none are given.
         encoding: see `warpopt.receivers.DepthBuffer`.
         casters: (N, 3) world points of shadow casters, if known beyond the receivers.
         steps, lights: see `light_path`.
@@ -35,6 +37,7 @@ class SceneInput:
     cameras: list[SceneCamera]
     camera_of: list[int]
     depths: list[np.ndarray]
+    lit: list[np.ndarray]
     encoding: Encoding
     casters: np.ndarray | None
     steps: list[Step]
@@ -60,10 +63,13 @@ def read_scene(config: SceneSettings, folder: Path) -> SceneInput:
         if receivers.gltf is not None and not cameras:
             cameras = [_gltf_camera(config, folder / receivers.gltf.file)]
         keys = [camera.key for camera in cameras]
+    lit = _masks(config, folder)
+    if lit:  # two masks are two scenes
+        keys = [(key, mask.tobytes()) for key, mask in zip(keys, lit, strict=True)]
     first = {key: keys.index(key) for key in keys}
     order = list(first)
     distinct = [cameras[i] for i in first.values()]
-    depths = [depths[i] for i in first.values()] if depths else []
+    depths, lit = ([images[i] for i in first.values()] if images else [] for images in (depths, lit))
     made = receivers.gltf or receivers.landscape
     if made is not None:
         triangles = _triangles(config, folder, notes)
@@ -73,8 +79,21 @@ def read_scene(config: SceneSettings, folder: Path) -> SceneInput:
     elif receivers.box is not None:
         lower, upper = receivers.box.lower, receivers.box.upper
         casters = np.stack(np.meshgrid(*zip(lower, upper, strict=True)), -1).reshape(-1, 3)
+    for i, (mask, depth) in enumerate(zip(lit, depths, strict=False)):
+        if mask.shape != depth.shape:
+            raise ConfigError(f"weights.lit: got {_size(mask)} pixels for camera.{i}, expected its {_size(depth)}")
     encoding = "linear" if receivers.depth is None else receivers.depth.encoding
-    return SceneInput(distinct, [order.index(key) for key in keys], depths, encoding, casters, steps, lights, notes)
+    places = [order.index(key) for key in keys]
+    return SceneInput(distinct, places, depths, lit, encoding, casters, steps, lights, notes)
+
+
+def _size(image: np.ndarray) -> str:
+    return f"{image.shape[1]} x {image.shape[0]}"
+
+
+def _masks(config: SceneSettings, folder: Path) -> list[np.ndarray]:
+    with _told_of("weights.lit"):
+        return [read_mask(folder / file) for file in config.weights.lit or ()]
 
 
 @contextlib.contextmanager

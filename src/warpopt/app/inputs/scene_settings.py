@@ -15,6 +15,7 @@ from ...scene_files.scene_camera import orientation
 from ..common.settings import Distinct, FileName, Norm, Positive, Section, listed, read_data, validated
 from .camera_settings import CameraConfig, Direction, Four, Resolution, Triple, Vector, exactly_one
 
+_PIXELS = "a depth image, glTF or a landscape"
 Index = Annotated[int, Field(ge=0)]
 
 
@@ -188,6 +189,11 @@ class ReceiverConfig(Section):
         return self
 
     @property
+    def pixels(self) -> bool:
+        """Whether they are the pixels of a depth image."""
+        return bool(self.depth or self.gltf or self.landscape)
+
+    @property
     def kind(self) -> str:
         """The kind, as text."""
         return next(name for name in type(self).model_fields if getattr(self, name) is not None).replace("_", " ")
@@ -202,9 +208,8 @@ class SceneObjective(Section):
         Field(min_length=1),
         Distinct,
     ] = Field(default=["p"])
-    norms: Annotated[list[Norm], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct] = Field(
-        default=["inf"]
-    )
+    norms: Annotated[list[Norm], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct] | None = None
+    """By default each metric's own: l1, the mean, for edge and band, and inf for the others."""
     measure: Measure = "screen"
     """Measure of L_P norms: any for the whole frustum, any except axis for a box or planes."""
     screen: Resolution | None = None
@@ -218,10 +223,10 @@ class SceneObjective(Section):
     def _possible(self) -> "SceneObjective":
         if (self.screen is None) != (self.shadow_map is None):
             raise ValueError("got one of screen and shadow_map, expected both or neither")
-        for metric, norm in itertools.product(self.metrics, self.norms):
-            if metric == "max" and norm != "inf":
-                raise ValueError(f"norms: got {norm!r}, expected only 'inf' with metric 'max'")
+        for metric, norm in itertools.product(self.metrics, self.norms or [None]):
             objective = Objective(metric, norm, self.measure)
+            if objective.kernel is not None:
+                continue
             if not objective.supremum and objective.blend_degree % 1:
                 raise ValueError(
                     f"norms: got order {norm}, expected one that makes {objective.metric.blend_power:g} times it an "
@@ -236,7 +241,23 @@ class SceneObjective(Section):
 
     def objectives(self) -> list[Objective]:
         """Every metric in every norm."""
-        return [Objective(*each, self.measure) for each in itertools.product(self.metrics, self.norms)]
+        return [Objective(*each, self.measure) for each in itertools.product(self.metrics, self.norms or [None])]
+
+
+class WeightSettings(Section):
+    """What each pixel counts for in means and other L_P norms."""
+
+    by: Literal["uniform", "depth", "edges"] = "uniform"
+    """depth: the eye depth, which stands for shadow edges where none are known. edges: 1 beside a shadow edge of `lit`,
+    0 elsewhere; by depth if there is none."""
+    lit: Annotated[list[FileName], pydantic.BeforeValidator(listed), Field(min_length=1)] | None = None
+    """For each camera a `.npy` or PNG image of the pixels that the light reaches; others have the weight 0."""
+
+    @pydantic.model_validator(mode="after")
+    def _known(self) -> "WeightSettings":
+        if self.by == "edges" and self.lit is None:
+            raise ValueError("lit: missing, expected the images whose edges count with by = 'edges'")
+        return self
 
 
 class SceneSettings(Section):
@@ -248,6 +269,7 @@ class SceneSettings(Section):
     light: SceneLight
     receivers: ReceiverConfig
     objective: SceneObjective = SceneObjective()
+    weights: WeightSettings = WeightSettings()
 
     @pydantic.model_validator(mode="after")
     def _fits(self) -> "SceneSettings":
@@ -268,6 +290,18 @@ class SceneSettings(Section):
         if receivers.whole_frustum is None and measure != "screen" and not (body and measure != "axis"):
             expected = "any measure but 'axis'" if body else "'screen': the pixels have weights"
             raise ValueError(f"objective.measure: got {measure!r} with {receivers.kind}, expected {expected}")
+        if not receivers.pixels:
+            if self.weights != WeightSettings():
+                raise ValueError(f"weights: got some with {receivers.kind}, expected {_PIXELS}")
+            means = [o.name for o in self.objective.objectives() if o.kernel is not None]
+            if means:
+                raise ValueError(
+                    f"objective.metrics: got a mean of {means[0]!r} with {receivers.kind}, expected {_PIXELS}, whose "
+                    "pixels have weights"
+                )
+        lit = self.weights.lit
+        if lit is not None and len(lit) != max(len(self.camera), 1):
+            raise ValueError(f"weights.lit: got {len(lit)} for {len(self.camera)} camera(s), expected one for each")
         if depth is not None and len(depth.files) != len(self.camera):
             raise ValueError(
                 f"receivers.depth.files: got {len(depth.files)} for {len(self.camera)} camera(s), expected one for each"

@@ -21,9 +21,15 @@ def camera_of(camera: SceneCamera) -> "warpopt.Camera":
     )
 
 
-def buffer_of(scene: SceneInput, i: int) -> DepthBuffer | None:
-    """What camera i sees, if the scene has depth images."""
-    return DepthBuffer(scene.depths[i], scene.encoding) if scene.depths else None
+def buffer_of(config: SceneSettings, scene: SceneInput, i: int) -> DepthBuffer | None:
+    """What camera i sees, with the pixels' weights, if the scene has depth images."""
+    if not scene.depths:
+        return None
+    depth, lit = scene.depths[i], scene.lit[i] if scene.lit else None
+    if config.weights.by == "edges":
+        plain = DepthBuffer(depth, scene.encoding)
+        return DepthBuffer(depth, scene.encoding, warpopt.edge_weights(lit, plain, camera_of(scene.cameras[i])))
+    return DepthBuffer(depth, scene.encoding, config.weights.by, lit)
 
 
 def body_of(config: SceneSettings) -> ConvexBody | None:
@@ -36,7 +42,7 @@ def body_of(config: SceneSettings) -> ConvexBody | None:
 
 def receivers_of(config: SceneSettings, scene: SceneInput, i: int) -> Receivers:
     """The receivers of camera i."""
-    return buffer_of(scene, i) or body_of(config) or WholeFrustum()
+    return buffer_of(config, scene, i) or body_of(config) or WholeFrustum()
 
 
 def views_of(config: SceneSettings, scene: SceneInput) -> "list[warpopt.SceneView]":

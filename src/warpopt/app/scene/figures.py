@@ -24,7 +24,12 @@ MOST_MAPS = 12
 _DPI = 160
 _SECTION = (270, 480)  # rows and columns
 _SKY = "#dfe5ea"
-_NAMES = {**style.METRIC_LABELS, "max": r"$\max(E_p, E_q)$"}
+_NAMES = {
+    **style.METRIC_LABELS,
+    "max": r"$\max(E_p, E_q)$",
+    "edge": "longer edge of a texel",
+    "band": "expected offset of an edge",
+}
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 
 
@@ -67,7 +72,7 @@ def write_scene_figures(
 
 def seen_of(config: SceneConfig, scene: SceneInput, s: Solved) -> Seen:
     """The image if there is one, otherwise a section along the light: bodies have no visible surface."""
-    camera, buffer, body = scene.cameras[s.camera], buffer_of(scene, s.camera), body_of(config)
+    camera, buffer, body = scene.cameras[s.camera], buffer_of(config, scene, s.camera), body_of(config)
     if buffer is not None:
         return image_of(camera, np.asarray(buffer.eye_depth(camera_of(camera))))
     planes = np.zeros((0, 4)) if body is None else np.asarray(body.planes)

@@ -1,6 +1,5 @@
 """`report.md` of a scene."""
 
-import itertools
 from typing import Any
 
 import numpy as np
@@ -36,6 +35,14 @@ def short(row: dict[str, Any], name: str) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
+_WEIGHTS = {
+    "uniform": "every visible pixel counts alike",
+    "depth": "a visible pixel counts by its eye depth, which stands for shadow edges",
+    "edges": "the pixels beside a shadow edge count, and others not at all; where there is no edge, pixels by their depth",
+}
+_LIT = ", in the light alone"
+
+
 def scene_report(config: SceneConfig, scene: SceneInput, solved: list[Solved], figures: list[tuple[str, str]]) -> str:
     """The report as Markdown."""
     parts = ["# Optimal shadow-map warps of a scene\n", _opening(config, scene, solved)]
@@ -49,12 +56,12 @@ def scene_report(config: SceneConfig, scene: SceneInput, solved: list[Solved], f
     if figures:
         parts.append("## Figures\n")
         parts += markdown_pictures(figures)
-    for metric, norm in itertools.product(config.objective.metrics, config.objective.norms):
-        mine = [s for s in solved if (s.metric, s.norm) == (metric, str(norm))]
+    for objective in config.objective.objectives():
+        mine = [s for s in solved if s.objective == objective]
         if mine:
             rows = [[short(s.row, name) for name in _HEADS] for s in mine]
             parts += [
-                f"## E_{metric}, norm {norm}\n",
+                f"## {objective.title}\n",
                 _gain(mine),
                 _limit(mine),
                 markdown_table(list(_HEADS.values()), rows),
@@ -68,6 +75,8 @@ def _opening(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> st
         f"Receivers: {config.receivers.kind}. {len(scene.camera_of)} camera(s), {len(scene.cameras)} distinct; "
         f"{len(scene.steps)} step(s) of the light, {len(scene.lights)} distinct direction(s)."
     ]
+    if config.receivers.pixels:
+        lines.append(f"In means, {_WEIGHTS[config.weights.by]}{_LIT if config.weights.lit else ''}.")
     if below:
         lines.append(f"In {below} step(s) the sun is not above the horizon and gives no direction.")
     units = "screen pixels per texel" if config.objective.screen else "in the units of a screen 2 high and a map 1 by 1"

@@ -50,7 +50,7 @@ def run_scene(config: SceneConfig, scene: SceneInput, console: Console | None = 
     """
     console = console or Console()
     objective = config.objective
-    count = len(scene.cameras) * len(scene.lights) * len(objective.metrics) * len(objective.norms)
+    count = len(scene.cameras) * len(scene.lights) * len(objective.objectives())
     with whole_folder(config.output.directory) as folder, progress_bar(console, count) as progress:
         timings = {}
         with timed(timings, "solve_s"):

@@ -1,9 +1,13 @@
 """The configuration of `warpopt scene`: a scene, and its output. Does not import JAX."""
 
-from typing import Literal
+from typing import Any, Literal
+
+import pydantic
 
 from ..common.settings import FileName, Section
 from ..inputs.scene_settings import SceneSettings
+
+_TABLES = ("receivers", "objective", "weights")
 
 
 class SceneOutput(Section):
@@ -20,3 +24,21 @@ class SceneConfig(SceneSettings):
     """One run of `warpopt scene`. Paths of scene files are relative to the TOML file."""
 
     output: SceneOutput
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _by_what_is_known(cls, data: Any) -> Any:
+        """Without [objective] metrics: edges where a mask tells them; else, over pixels, depths stand for them."""
+        if not isinstance(data, dict) or not all(isinstance(data.get(k, {}), dict) for k in _TABLES):
+            return data
+        receivers, objective, weights = (dict(data.get(key, {})) for key in _TABLES)
+        if "metrics" in objective or not {"depth", "gltf", "landscape"} & set(receivers):
+            return data
+        edges = "lit" in weights and weights.get("by", "edges") == "edges"
+        if edges:
+            objective["metrics"], weights["by"] = "edge", "edges"
+        else:
+            objective["metrics"] = "p"
+            objective.setdefault("norms", "l1")
+            weights.setdefault("by", "depth")
+        return data | {"objective": objective, "weights": weights}

@@ -144,6 +144,7 @@ def _solved(found: _Found, place: tuple[int, int], direction: list[float], objec
         "unwarped": finite_or_none(solution.unwarped),
         "margin": finite_or_none(solution.margin) if there and outcome is not warpopt.Outcome.flat else None,
         "excess": finite_or_none(solution.excess),
+        "gap": finite_or_none(solution.gap),
         "outcome": outcome.name,
         "sentence": outcome.sentence,
         "matrix": matrix.tolist() if usable else None,

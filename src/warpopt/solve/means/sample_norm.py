@@ -20,11 +20,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._numerics import power
-from ..receivers.footprint import Footprint
-from ..receivers.samples import Samples
-from ..theory.light_space import LightDepth
-from ..theory.texel import KERNELS
+from ..._numerics import power
+from ...receivers.footprint import Footprint
+from ...receivers.samples import Samples
+from ...theory.light_space import LightDepth
+from ...theory.texel import KERNELS
 
 
 class Touch(NamedTuple):
@@ -79,7 +79,7 @@ class SampleNorm(eqx.Module):
         if self.footprint.samples is None:
             raise ValueError(
                 f"receivers: got a footprint without samples, expected some for a mean of {self.kernel!r}: "
-                "warpopt.receivers.cells.with_samples makes them"
+                "warpopt.receivers.weighted.cells.with_samples makes them"
             )
         return self.footprint.samples
 

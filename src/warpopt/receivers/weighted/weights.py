@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._checks import Numbers, checked, float_arrays, shown
+from ..._checks import Numbers, checked, float_arrays, shown
 
 NAMED = ("uniform", "depth")
 
@@ -55,6 +55,11 @@ class Weights(eqx.Module):
         none = ~(weights > 0).any()
         instead = jnp.where(counted.any(), counted, seen)
         return jnp.where(none, jnp.where(instead, z, 0), weights), none & seen.any()
+
+    def of_groups(self, z: Float[Array, "K N"], seen: Bool[Array, " K"]) -> tuple[Float[Array, "K N"], Bool[Array, ""]]:
+        """`of`, where each weight is that of a group of receivers with the eye depths of a row of z."""
+        each = self if self.values is None else eqx.tree_at(lambda w: w.values, self, self.values[:, None])
+        return each.of(z, seen[:, None])
 
 
 def _weights(weights: Any, shape: tuple[int, ...]) -> Array:

@@ -13,11 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PyTree
 
-from .._numerics import power, staged
-from ..objective import Objective
-from ..theory.light_space import LightDepth
-from .footprint import Footprint, Sides
-from .samples import Corners, Samples
+from ..._numerics import power, staged
+from ...objective import Objective
+from ...theory.light_space import LightDepth
+from ..footprint import Footprint, Sides
+from ..samples import Corners, Samples
 
 EXACT = 4096
 """At most this many points are taken one by one."""
@@ -53,6 +53,7 @@ def with_samples(
     receivers_of: Callable[[PyTree], tuple[Array, Array, Array, Array, Array]],
     unit: Float[Array, ""],
     objective: Objective,
+    own_sides: bool = False,
 ) -> Footprint:
     """The footprint with its samples.
 
@@ -63,26 +64,20 @@ def with_samples(
             those that need not, anything finite with z > 0 and weight 0.
         unit: the least eye depth of all.
         objective: gives the order P of the mean.
+        own_sides: whether the footprint's sides bound more than these receivers, and are kept.
     """
     shape = jax.eval_shape(jax.vmap(receivers_of), rows)[0]
     if shape.size <= EXACT:
-        samples = _one_by_one(footprint, *(v.ravel() for v in jax.vmap(receivers_of)(rows)), unit, objective)
+        samples = _one_by_one(footprint, jax.vmap(receivers_of)(rows), unit, objective)
     else:
         samples, sides = _in_cells(footprint, rows, receivers_of, unit, objective)
-        footprint = eqx.tree_at(lambda f: f.sides, footprint, sides)
+        if not own_sides:
+            footprint = eqx.tree_at(lambda f: f.sides, footprint, sides)
     return eqx.tree_at(lambda f: (f.samples, f.unit), footprint, (samples, unit), is_leaf=lambda leaf: leaf is None)
 
 
-def _one_by_one(
-    footprint: Footprint,
-    d: Array,
-    x: Array,
-    z: Array,
-    weight: Array,
-    seen: Array,
-    unit: Array,
-    objective: Objective,
-) -> Samples:
+def _one_by_one(footprint: Footprint, receivers: tuple[Array, ...], unit: Array, objective: Objective) -> Samples:
+    d, x, z, weight, seen = (value.ravel() for value in receivers)
     scale = _scale(footprint)
     before, beyond = (d - footprint.start) * scale, (footprint.start + footprint.mu - d) * scale
     beyond = jnp.where(footprint.flat, 1, beyond)
@@ -134,8 +129,8 @@ def _centroids(sums: Float[Array, "S 4"], offset: Array, pitch: Array) -> Sample
     edges = _edges(_FIRST_CELL, _DEPTHS, _CELL_BITS, sums.dtype)
     first, last = edges[:-1], edges[1:]
     # A cell's receivers lie between two slopes and two depths: a trapezoid, in this rectangle.
-    inner = (np.arange(_SLOPES) * pitch * (first[:, None] + offset)).ravel()
-    outer = (np.arange(1, _SLOPES + 1) * pitch * (last[:, None] + offset)).ravel()
+    inner = (jnp.arange(_SLOPES) * pitch * (first[:, None] + offset)).ravel()
+    outer = (jnp.arange(1, _SLOPES + 1) * pitch * (last[:, None] + offset)).ravel()
     first, last = (np.repeat(edge, _SLOPES) for edge in (first, last))
     depth, width = last - first, outer - inner
     total = sums[:, 0]

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .footprint_optimum import FootprintOptimum, settled, value_at
-from .outcome import Outcome
+from ..outcome import Outcome
+from ..pieces import Optimum, settled, value_at
 from .sample_norm import SampleNorm
 from .weak_convexity import TOLERANCE, least
 
@@ -15,7 +15,7 @@ from .weak_convexity import TOLERANCE, least
 class SampleOptimum(NamedTuple):
     """The optimum, and a lower bound of the norm over [min_eta, 1]."""
 
-    optimum: FootprintOptimum
+    optimum: Optimum
     lower: Float[Array, ""]
 
 
@@ -48,7 +48,7 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
     middle = jnp.clip(jnp.log(found.eta), lower, upper)
     import optimistix as optx  # see `positive_root`
 
-    from .bracketed_newton import BracketedNewton
+    from ..bracketed_newton import BracketedNewton
 
     root = optx.root_find(
         lambda u, _: (jnp.where(inside, rise(u, None)[0] - noise, u - middle), None),
@@ -71,7 +71,7 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
     residual, margin = jnp.where(inside, residual, 0), jnp.where(nothing, 0, margin)
     least_sum = found.bounds.min()
     bound = jnp.where(least_sum > 0, least_sum, 0) ** (1 / norm.order) * jnp.exp(fixed.log_scale)
-    return SampleOptimum(FootprintOptimum(u, outcome, residual, margin), bound)
+    return SampleOptimum(Optimum(u, outcome, residual, margin), bound)
 
 
 def excess_of_cells(norm: SampleNorm, best_case: SampleNorm, u: Array, min_eta: Array) -> Float[Array, ""]:

@@ -1,0 +1,215 @@
+"""Weights of pixels beside a shadow edge: where a shadow map's errors are seen."""
+
+import functools
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._checks import Numbers, checked, float_arrays, instance
+from ..receivers.depth_buffer import DepthBuffer, eye_points
+from ..receivers.weighted.weights import mask_of
+from ..scene_files.mask_files import read_mask
+from ..theory.camera import Camera
+from .shadow_matrix import ClipSpace
+
+
+class EdgeWeights(eqx.Module):
+    """Weights for `DepthBuffer(depth, weights=...)`.
+
+    Attributes:
+        weights: (H, W), 1 beside a shadow edge, 0 elsewhere.
+        share: the fraction of the screen that they cover. 0: no edge is known, and a `DepthBuffer` falls back on
+            weights by depth, which its solutions report as `Outcome.depth_weighted`.
+    """
+
+    weights: Float[Array, "H W"]
+    share: Float[Array, ""]
+
+
+class RenderedMap(eqx.Module):
+    """A shadow map that was rendered, such as a small one without a warp, from which edges are taken.
+
+    Args:
+        depth: (rows, columns) of the texels' depths as stored, in [0, 1]. Row 0 is at y/w = -1, column 0 at x/w = -1:
+            as OpenGL and Vulkan store it; flip Direct3D's rows.
+        matrix: (4, 4), world to clip space, as `shadow_matrix` gives it.
+        clip_space: the convention of the matrix; OpenGL's by default.
+
+    Raises:
+        ValueError: other shapes, NaN, depths outside [0, 1].
+    """
+
+    depth: Float[Array, "R C"]
+    matrix: Float[Array, "4 4"]
+    clip_space: ClipSpace = eqx.field(static=True)
+
+    def __init__(self, depth: Numbers, matrix: Numbers, clip_space: ClipSpace | None = None):
+        depth, matrix = float_arrays(depth=depth, matrix=matrix)
+        if depth.ndim != 2 or 0 in depth.shape:
+            raise ValueError(f"depth: got shape {depth.shape}, expected (rows, columns)")
+        if matrix.shape != (4, 4):
+            raise ValueError(f"matrix: got shape {matrix.shape}, expected (4, 4)")
+        clip_space = ClipSpace() if clip_space is None else clip_space
+        instance("clip_space", clip_space, ClipSpace)
+        self.depth = checked("depth", depth, lambda d: (d >= 0) & (d <= 1), "numbers in [0, 1]")
+        self.matrix = checked("matrix", matrix, lambda m: abs(m) < np.inf, "finite numbers")
+        self.clip_space = clip_space
+
+
+def edge_weights(
+    lit: Numbers | str | Path | RenderedMap,
+    receivers: DepthBuffer | None = None,
+    camera: Camera | None = None,
+    *,
+    last_camera: Camera | None = None,
+) -> EdgeWeights:
+    """Weights 1 for the pixels beside a shadow edge: with a neighbour across or up that the light reaches and one not.
+
+    Args:
+        lit: which pixels the light reaches, of this frame or of the last: (H, W) of booleans or 0 and 1, or a `.npy` or
+            PNG file of it; or a `RenderedMap`, in which every pixel is looked up with a bias of one texel along its
+            surface.
+        receivers, camera: of this frame. With them, only pixels that show something count; required for
+            `last_camera` and for a map.
+        last_camera: the camera of the frame that `lit` is from: its edges are carried over by the receivers' places.
+            Pixels that it did not see have weight 0.
+
+    Raises:
+        ValueError: a mask of another size than the receivers', a missing argument, or two cameras whose views share no
+            receiver (traced values are not checked).
+
+    Example:
+        >>> import numpy as np
+        >>> edges = edge_weights(np.arange(12).reshape(3, 4) % 4 < 2)   # the light reaches the left half
+        >>> edges.weights[0].tolist(), round(float(edges.share), 2)
+        ([0.0, 1.0, 1.0, 0.0], 0.5)
+    """
+    for name, value, kind in (
+        ("receivers", receivers, DepthBuffer), ("camera", camera, Camera), ("last_camera", last_camera, Camera)
+    ):  # fmt: skip
+        if value is not None:
+            instance(name, value, kind)
+    if (receivers is None) != (camera is None):
+        name, other = ("camera", "receivers") if camera is None else ("receivers", "camera")
+        raise ValueError(f"{name}: got none with {other}, expected both or neither")
+    moved = isinstance(lit, RenderedMap) or last_camera is not None
+    if moved and (receivers is None or camera is None):
+        name = "a RenderedMap" if isinstance(lit, RenderedMap) else "last_camera"
+        raise ValueError(f"receivers: got none with {name}, expected the receivers and the camera of this frame")
+    if isinstance(lit, RenderedMap):
+        if last_camera is not None:
+            raise ValueError("last_camera: got one with a RenderedMap, expected none: a map holds for any camera")
+        return _of_map(lit, receivers, camera)
+    if isinstance(lit, str | Path):
+        lit = read_mask(Path(lit))
+    mask = mask_of("lit", lit, None)
+    if mask.ndim != 2:
+        raise ValueError(f"lit: got shape {mask.shape}, expected (height, width)")
+    if last_camera is not None:
+        found, shared = _carried(mask, receivers, camera, last_camera)
+        checked("last_camera", shared, lambda v: v, "a camera that sees some of this frame's receivers")
+        return found
+    if receivers is not None and mask.shape != receivers.depth.shape:
+        raise ValueError(f"lit: got shape {mask.shape}, expected the receivers' {receivers.depth.shape}")
+    return _beside(mask, receivers, camera)
+
+
+@jax.jit
+def _beside(lit: Bool[Array, "H W"], receivers: DepthBuffer | None, camera: Camera | None) -> EdgeWeights:
+    seen = jnp.ones(lit.shape, bool)
+    if receivers is not None and camera is not None:
+        seen = jnp.isfinite(receivers.eye_depth(camera))
+    return _weights(_edges(lit, seen))
+
+
+def _weights(beside: Bool[Array, "H W"]) -> EdgeWeights:
+    weights = beside.astype(jnp.zeros(()).dtype)
+    return EdgeWeights(weights, weights.mean())
+
+
+def _edges(lit: Array, seen: Array) -> Array:
+    """Which pixels have a neighbour of the other kind, both visible."""
+    beside = jnp.zeros(lit.shape, bool)
+    for axis in (0, 1):
+        one, other = (jax.lax.slice_in_dim(lit, i, lit.shape[axis] - 1 + i, axis=axis) for i in (0, 1))
+        both = [jax.lax.slice_in_dim(seen, i, lit.shape[axis] - 1 + i, axis=axis) for i in (0, 1)]
+        differ = (one != other) & both[0] & both[1]
+        for before, after in ((1, 0), (0, 1)):
+            pad = [(0, 0), (0, 0)]
+            pad[axis] = (before, after)
+            beside = beside | jnp.pad(differ, pad)
+    return beside
+
+
+@jax.jit
+def _carried(
+    lit: Array, receivers: DepthBuffer, camera: Camera, last_camera: Camera
+) -> tuple[EdgeWeights, Bool[Array, ""]]:
+    """(weights, whether the last camera sees any receiver)."""
+    edges = _edges(lit, jnp.ones(lit.shape, bool))
+    points, seen = eye_points(receivers, camera)
+    at = last_camera.to_eye(_to_world(camera, points))
+    left, right, bottom, top = last_camera.window
+    before = at[..., 2] >= last_camera.near
+    z = jnp.where(before, at[..., 2], 1)
+    height, width = lit.shape
+    column = jnp.floor((at[..., 0] / z - left) / (right - left) * width)
+    row = jnp.floor((top - at[..., 1] / z) / (top - bottom) * height)
+    inside = seen & before & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    i, j = (jnp.where(inside, v, 0).astype(int) for v in (row, column))
+    return _weights(inside & edges[i, j]), inside.any() | ~seen.any()
+
+
+@jax.jit
+def _of_map(rendered: RenderedMap, receivers: DepthBuffer, camera: Camera) -> EdgeWeights:
+    points, seen = eye_points(receivers, camera)
+    place = functools.partial(_in_map, rendered)
+    world = _to_world(camera, points)
+    s, t, depth = place(world)
+    rows, columns = rendered.depth.shape
+    i, j = jnp.floor(s * rows), jnp.floor(t * columns)
+    inside = (i >= 0) & (i < rows) & (j >= 0) & (j < columns) & (depth <= 1)
+    i, j = (jnp.where(inside, v, 0).astype(int) for v in (i, j))
+    stored = rendered.depth[i, j]
+    stored = 1 - stored if rendered.clip_space.reversed_z else stored
+    # The depth's change over half a texel each way, along the surface: from the pixels beside this one.
+    bias = _slope(s, t, depth, seen, 1 / rows, 1 / columns)
+    return _weights(_edges(~inside | (depth - bias <= stored), seen))
+
+
+def _slope(s: Array, t: Array, depth: Array, seen: Array, ds: float, dt: float) -> Array:
+    """The depth that a surface spans over one texel, from differences to the pixels beside; 0 where it has none."""
+
+    def along(axis: int) -> tuple[Array, Array, Array]:
+        return tuple(jnp.gradient(v, axis=axis) if v.shape[axis] > 1 else jnp.zeros_like(v) for v in (s, t, depth))
+
+    (s_p, t_p, z_p), (s_q, t_q, z_q) = along(0), along(1)
+    area = s_p * t_q - s_q * t_p
+    usable = seen & (jnp.abs(area) > 0)
+    safe = jnp.where(usable, area, 1)
+    by_s, by_t = (z_p * t_q - z_q * t_p) / safe, (z_q * s_p - z_p * s_q) / safe
+    bias = jnp.abs(by_s) * ds + jnp.abs(by_t) * dt
+    # Across a silhouette a difference is no slope; no surface spans more than this over a texel that shadows can be
+    # seen on.
+    return jnp.where(usable, jnp.clip(bias, 0, _STEEPEST), _STEEPEST)
+
+
+_STEEPEST = 0.02  # of the map's depth
+
+
+def _in_map(rendered: RenderedMap, world: Array) -> tuple[Array, Array, Array]:
+    """(s, t in [0, 1], depth from the light in [0, 1])."""
+    convention = rendered.clip_space
+    matrix = rendered.matrix.T if convention.row_vectors else rendered.matrix
+    clip = world @ matrix[:, :3].T + matrix[:, 3]
+    x, y, z = (clip[..., k] / jnp.where(clip[..., 3] > 0, clip[..., 3], 1) for k in range(3))
+    depth = z if convention.z_zero_to_one else (z + 1) / 2
+    return (y + 1) / 2, (x + 1) / 2, 1 - depth if convention.reversed_z else depth
+
+
+def _to_world(camera: Camera, points: Array) -> Array:
+    return camera.position + points @ camera.rotation

@@ -1,0 +1,93 @@
+"""A function of u = log(eta) made of smooth pieces: its value, and the condition that holds at its minimum.
+
+The condition (a stationary point, a tie of two receivers, a kink of the width) is identified by evaluating just below
+and just above; solving it gives the last digits and the derivatives.
+"""
+
+from typing import Any, NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .outcome import Outcome
+
+
+class Pieces(Protocol):
+    """Which pieces are active at some u; an array or a tuple of arrays."""
+
+    def same_top(self, other: Any) -> Bool[Array, ""]:
+        """Whether the same receivers decide."""
+        ...
+
+    def same_sides(self, other: Any) -> Bool[Array, ""]:
+        """Whether the same receivers span the map's width."""
+        ...
+
+
+class PiecewiseLog(Protocol):
+    """log of a norm."""
+
+    def active(self, u: Float[Array, ""]) -> Any:
+        """The active pieces at u: `Pieces`."""
+        ...
+
+    def value(self, u: Float[Array, ""], active: Any) -> Float[Array, ""]:
+        """The logarithm on the smooth piece selected by `active`."""
+        ...
+
+    def slope(self, u: Float[Array, ""], active: Any) -> Float[Array, ""]:
+        """d value / du on that piece."""
+        ...
+
+
+class Optimum(NamedTuple):
+    """eta, its outcome, the residual of its equation, and the margin by which a warp helps at eta = 1."""
+
+    log_eta: Float[Array, ""]
+    outcome: Int[Array, ""]
+    residual: Float[Array, ""]
+    margin: Float[Array, ""]
+
+
+def settled(log_norm: PiecewiseLog, found: Array, eps: float) -> tuple[Array, Array, Array]:
+    """(u, outcome, residual): one Newton step on the condition at the root, which carries the derivatives.
+
+    The root finder's u is off by at most about sqrt(eps); the active candidates on both sides identify the condition.
+    """
+    fixed = jax.lax.stop_gradient(log_norm)
+    reach = 4 * eps**0.5
+    near = jax.vmap(fixed.active)(jnp.stack([found - reach, found, found + reach]))
+    below, active, above = (jax.tree.map(lambda v, i=i: v[i], near) for i in range(3))
+    both = jax.tree.map(lambda v: v[::2], near)
+    same_top, same_sides = below.same_top(above), below.same_sides(above)
+
+    def step(gap, slope, usable):
+        """-gap/slope with gap's derivative in the inputs, 0 where not usable."""
+        slope = jnp.where(usable, jax.lax.stop_gradient(slope), 1)
+        return jnp.where(usable, -gap / slope, 0)
+
+    # Where two pieces meet: the crossing of their values, if the minimum is there (one falls, one rises).
+    values = jax.vmap(log_norm.value, (None, 0))(found, both)
+    slopes = jax.vmap(fixed.slope, (None, 0))(found, both)
+    crossing = found + step(values[0] - values[1], slopes[0] - slopes[1], slopes[0] != slopes[1])
+    at = jax.lax.stop_gradient(crossing)
+    met = ~(same_top & same_sides) & (jnp.abs(at - found) <= 2 * reach)
+    slopes = jax.vmap(fixed.slope, (None, 0))(at, both)
+    met = met & (slopes[0] <= 0) & (slopes[1] >= 0)
+    # Where one piece is stationary.
+    curvature = jax.jvp(lambda v: fixed.slope(v, active), (found,), (jnp.ones_like(found),))[1]
+    stationary = found + step(log_norm.slope(found, active), curvature, curvature > eps**0.5)
+    at = jax.lax.stop_gradient(stationary)
+    stationary = jnp.where(jnp.abs(at - found) <= reach, stationary, found)
+    u = jnp.where(met, crossing, stationary)
+    at = jax.lax.stop_gradient(u)
+    values = jax.vmap(fixed.value, (None, 0))(at, both)
+    gap = jnp.where(met, values[0] - values[1], fixed.slope(at, active))
+    outcome = jnp.where(met, jnp.where(same_top, Outcome.kink, Outcome.tie), Outcome.stationary)
+    return u, outcome, jnp.abs(gap)
+
+
+def value_at(log_norm: PiecewiseLog, u: Float[Array, ""]) -> Float[Array, ""]:
+    """The norm at u, differentiable in the footprint and in u."""
+    return jnp.exp(log_norm.value(u, jax.lax.stop_gradient(log_norm.active(u))))

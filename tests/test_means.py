@@ -1,0 +1,435 @@
+"""Means of a texel's size over weighted receivers: "edge", "band" and "max", against brute force from raw geometry."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import warpopt
+from warpopt import Camera, DirectionalLight, Objective, Outcome, SceneView, optimal_warp
+from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, PointReceivers
+from warpopt.solve.means.weak_convexity import least
+from warpopt.solve.scene import _log_norm
+from warpopt.theory import edge_offset
+
+CAMERA = Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=500.0, half_fov=0.4, aspect=1.6)
+SCREEN, MAP = (1280, 800), (1024, 1024)
+OBJECTIVES = [
+    Objective("edge"), Objective("band"), Objective("max", "l1"), Objective("max", "l2"), Objective("edge", "l2")
+]  # fmt: skip
+ETAS = np.geomspace(1e-4, 1, 4000)
+NAMES = [o.title for o in OBJECTIVES]
+
+
+def points_of(rng, count=64, seen=24):
+    """Points in the view, of which about a third have weight 0; all but `seen` repeat the first without weight."""
+    z = np.exp(rng.uniform(0, 5, seen))
+    points = np.stack([rng.uniform(-0.4, 0.4, seen) * z, 2 + rng.uniform(-0.35, 0.35, seen) * z, -z], 1)
+    weights = rng.exponential(size=seen) * (rng.random(seen) < 0.7)
+    weights[0] = 1.0
+    rest = count - seen
+    return np.concatenate([points, np.repeat(points[:1], rest, 0)]), np.concatenate([weights, np.zeros(rest)])
+
+
+_edge_offset = jax.jit(edge_offset)
+
+
+def kernel(metric, e_p, sigma, e_q):
+    if metric == "max":
+        return np.maximum(e_p, e_q)
+    if metric == "edge":
+        return np.maximum(np.hypot(e_p, sigma * e_p), e_q)
+    return np.asarray(_edge_offset(e_p, sigma, e_q))  # itself held against quadrature below
+
+
+def brute(points, weights, light, objective, etas, screen=SCREEN, shadow_map=MAP):
+    """The mean for every eta, from world points: axes, extents and errors are computed anew."""
+    eye = (points - np.array([0.0, 2.0, 0.0])) * np.array([1.0, 1.0, -1.0])
+    towards = np.asarray(light) * np.array([1.0, 1.0, -1.0])
+    towards = towards / np.linalg.norm(towards)
+    axis = np.array([0.0, 0.0, 1.0]) - towards * towards[2]
+    axis /= np.linalg.norm(axis)
+    d, x, z = eye @ axis, eye @ np.cross(axis, towards), eye[:, 2]
+    x = x - np.clip(0, x.min(), x.max())
+    mu = np.ptp(d)
+    delta = (d - d.min()) / mu
+    per_slope = screen[1] / (2 * np.tan(0.4))
+    counted = weights > 0
+    eta = np.atleast_1d(etas)[:, None]
+    blend = (1 - delta) * eta + delta
+    width = ((x / blend).max(1) - (x / blend).min(1))[:, None]
+    e_p = per_slope / shadow_map[1] * mu * blend**2 / (eta * z)
+    e_q = per_slope / shadow_map[0] * width * blend / z
+    sigma = np.abs(x) * (1 - eta) / (blend * mu)
+    size = kernel(objective.name, *(v[:, counted] for v in (e_p, sigma, e_q)))
+    return (size**objective.order @ weights[counted] / weights.sum()) ** (1 / objective.order)
+
+
+def view_of(points, weights, light, **resolutions):
+    resolutions = resolutions or {"screen": SCREEN, "shadow_map": MAP}
+    return SceneView(CAMERA, DirectionalLight(light), PointReceivers(points, weights), **resolutions)
+
+
+@functools.cache
+def sets():
+    rng = np.random.default_rng(5)
+    drawn = [(*points_of(rng), rng.normal(size=3)) for _ in range(60)]
+    return [np.stack(v) for v in zip(*drawn, strict=True)]
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES, ids=NAMES)
+def test_the_optimum_is_brute_force_s(objective):
+    """60 sets each. The grid's least value is above the optimum by its spacing; the value must be exact at eta."""
+    points, weights, lights = sets()
+    solve = jax.vmap(lambda p, w, light: optimal_warp(view_of(p, w, light), objective, throw=False))
+    found = solve(jnp.asarray(points), jnp.asarray(weights), jnp.asarray(lights))
+    for i, value in enumerate(np.asarray(found.value)):
+        args = points[i], weights[i], lights[i], objective
+        np.testing.assert_allclose(value, brute(*args, float(found.warp.eta[i]))[0], rtol=1e-12)
+        assert value <= brute(*args, ETAS).min() * (1 + 1e-9)
+        assert 0 <= found.gap[i] <= 1e-6
+    assert not np.asarray(found.excess).any()
+
+
+def test_an_edges_offset_is_the_mean_distance_over_a_texel():
+    """By a midpoint rule: 600 squared points leave 1e-6."""
+    rng = np.random.default_rng(1)
+    u = (np.arange(600) + 0.5) / 600 - 0.5
+    for _ in range(20):
+        e_p, e_q = np.exp(rng.normal(0, 2, 2))
+        sigma = rng.normal() * 2
+        mean = np.hypot(u[:, None] * e_p, u[:, None] * e_p * sigma + u * e_q).mean() * 2 / np.pi
+        np.testing.assert_allclose(edge_offset(*map(jnp.asarray, (e_p, sigma, e_q))), mean, rtol=2e-6)
+
+
+@pytest.mark.parametrize("lengths", [(0, 0, 0), (1, 0, 0), (0, 0, 1), (0, 3, 1), (1, 1e-9, 1e-9), (1e-200, 1, 1)])
+def test_an_edges_offset_has_finite_gradients_at_every_edge(lengths):
+    gradient = jax.grad(lambda v: edge_offset(*v))(jnp.array(lengths, float))
+    assert np.isfinite(gradient).all()
+    assert (gradient >= -1e-300).all()  # it falls in none of the lengths
+
+
+def norm_of(view, objective):
+    return _log_norm(view.footprint(objective), view.frame(), objective)
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES, ids=NAMES)
+def test_a_parabola_lies_below_the_mean(objective):
+    """J(e) >= J(m) + J'(m) (e - m) - C(m) (e - m)^2 for all pairs of 40 eta: what the certificate rests on."""
+    points, weights, lights = (v[3] for v in sets())
+    norm = norm_of(view_of(points, weights, lights), objective)
+    eta = jnp.geomspace(1e-3, 1, 40)
+    value, slope, bend = jax.vmap(norm.touch)(eta)
+    step = eta - eta[:, None]
+    below = value[:, None] + slope[:, None] * step - bend[:, None] * step**2
+    assert (below <= value * (1 + 1e-12)).all()
+    np.testing.assert_allclose(np.diagonal(below), value, rtol=1e-15)
+    # Touching from below is not trivial: between neighbours the parabola is within a few percent.
+    assert (np.diagonal(below, 1) > 0.9 * np.asarray(value)[1:]).any()
+
+
+def two_minima():
+    """Receivers over which "edge" in L2 has two local minima, 10 % deep, by depth along Z_w, x and z; from a search."""
+    delta = np.array([0.0, 1.0, 0.0026, 1e-4, 5.9e-4])
+    x = np.array([-0.92, 1.1165, -2.1935, -0.4782, 1.1003])
+    z = np.array([2.492, 1.506, 5.213, 1.841, 5.841])
+    weights = np.array([0.01346, 0.0, 0.0, 0.3817, 0.3684])
+    # The light at 45 degrees to the view: d = (z + y)/sqrt(2).
+    y = np.sqrt(2) * (1 + delta) - z
+    camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=50.0, half_fov=1.3)
+    light = DirectionalLight((0, -1, -1))
+    return SceneView(
+        camera, light, PointReceivers(np.stack([x, y, -z], 1), weights), screen=(1000, 1000), shadow_map=(1000, 180)
+    )
+
+
+def test_of_two_local_minima_the_global_one_is_found():
+    view, objective = two_minima(), Objective("edge", "l2")
+    eta = np.geomspace(1e-3, 1, 3000)
+    values = np.asarray(warpopt.error_norm(view, warpopt.Warp.from_eta(eta, view.footprint()), objective))
+    local = [i for i in range(1, 2999) if values[i] < values[i - 1] and values[i] < values[i + 1]]
+    assert len(local) == 2
+    assert values[local[0] : local[1]].max() > 1.05 * values[local].max()
+    solution = optimal_warp(view, objective)
+    np.testing.assert_allclose(solution.warp.eta, eta[np.argmin(values)], rtol=3e-3)
+    assert solution.value <= values.min()
+    assert solution.gap <= 1e-6
+    assert eta[local].max() / eta[local].min() > 20
+
+
+def test_the_bound_of_a_node_is_not_the_best_value_alone():
+    """With one step less than it needs the search must say so: the bound is computed, not assumed."""
+    points, weights, lights = (v[7] for v in sets())
+    norm = norm_of(view_of(points, weights, lights), Objective("edge"))
+    exact, loose = (least(norm.touch, jnp.asarray(1e-4), tolerance) for tolerance in (1e-6, 0.5))
+    assert loose.bounds.min() < exact.bounds.min() < exact.value
+    assert exact.value / exact.bounds.min() - 1 <= 1e-6 < loose.value / loose.bounds.min() - 1
+
+
+@pytest.mark.parametrize("metric", ["max"])
+def test_the_mean_of_the_larger_error_has_one_minimum(metric):
+    """Theorem in docs/theory.md: in L1 the mean of max(E_p, E_q) is quasi-convex."""
+    points, weights, lights = sets()
+    for i in range(0, 60, 4):
+        values = brute(points[i], weights[i], lights[i], Objective(metric, "l1"), np.geomspace(1e-4, 1, 600))
+        signs = np.sign(np.diff(values)[np.abs(np.diff(values)) > 1e-12 * values[1:]])
+        assert (np.diff(signs) >= 0).all()
+
+
+HEIGHT, WIDTH = 90, 144
+
+
+def hills(seed):
+    """(depths, mask of the light) of a floor with posts, with many silhouettes."""
+    rng = np.random.default_rng(seed)
+    rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH]
+    up = (1 - (rows + 0.5) / HEIGHT * 2) * np.tan(0.4)
+    across = ((columns + 0.5) / WIDTH * 2 - 1) * np.tan(0.4) * 1.6
+    depth = np.where(up < -0.01, 2 / np.maximum(-up, 1e-9), np.inf)
+    for _ in range(20):
+        z = np.exp(rng.uniform(1, 5))
+        post = (np.abs(across - rng.uniform(-0.6, 0.6)) < 1 / z) & (up < rng.uniform(0, 6) / z) & (up > -2 / z)
+        depth = np.where(post & (z < depth), z, depth)
+    depth = np.where(depth < 400, depth, 0.0)
+    return depth, (np.sin(0.7 * depth * across) + np.cos(0.3 * depth) > 0) & (depth > 0)
+
+
+def pixels_of(depth, weights):
+    rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH]
+    up = (1 - (rows + 0.5) / HEIGHT * 2) * np.tan(0.4)
+    across = ((columns + 0.5) / WIDTH * 2 - 1) * np.tan(0.4) * 1.6
+    seen = depth > 0
+    points = np.stack([across * depth, up * depth + 2, -depth], -1)[seen]
+    return points, np.asarray(weights, float)[seen]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("objective", OBJECTIVES[:4], ids=NAMES[:4])
+def test_cells_of_a_buffer_are_its_pixels_within_the_bound(objective, seed):
+    depth, lit = hills(seed)
+    rng = np.random.default_rng(seed)
+    light = np.array([rng.normal(), -1.0, rng.normal()])
+    edges = warpopt.edge_weights(lit, DepthBuffer(depth), CAMERA)
+    buffer = DepthBuffer(depth, weights=edges)
+    view = SceneView(CAMERA, DirectionalLight(light), buffer, screen=SCREEN, shadow_map=MAP)
+    solution = optimal_warp(view, objective)
+    points, weights = pixels_of(depth, edges.weights)
+    true = brute(points, weights, light, objective, [float(solution.warp.eta), *np.geomspace(1e-3, 1, 300)])
+    assert solution.excess <= 1e-3
+    assert true[0] <= true[1:].min() * (1 + solution.excess)
+    np.testing.assert_allclose(solution.value, true[0], rtol=float(solution.excess))
+    assert abs(float(solution.value) / true[0] - 1) > 1e-9  # it is an approximation: the bound has work to do
+    # The excess is a bound and no guess: a value from the cells' far corners would be outside of it.
+    assert solution.excess > 0
+
+
+def test_what_is_weighed_zero_must_still_fit():
+    near = np.array([[0.0, 1.5, -2.0], [0.3, 1.5, -3.0]])
+    far = np.array([[30.0, 0.0, -100.0], [-30.0, 2.0, -100.0]])
+    light = (0.2, -1, -0.3)
+    both = view_of(np.concatenate([near, far]), [1.0, 1.0, 0.0, 0.0], light)
+    for objective in (Objective("edge"), Objective("p", "l2")):
+        solution, alone = optimal_warp(both, objective), optimal_warp(view_of(near, None, light), objective)
+        assert solution.warp.mu > 50 * alone.warp.mu
+    # Norms inf are over all receivers, whatever their weight.
+    plain = optimal_warp(view_of(np.concatenate([near, far]), None, light))
+    np.testing.assert_array_equal(optimal_warp(both).value, plain.value)
+
+
+def test_weights_by_depth_are_the_depths():
+    depth, lit = hills(4)
+    for mask in (None, lit):
+        counted = (depth > 0) if mask is None else (depth > 0) & mask
+        named, given = DepthBuffer(depth, weights="depth", lit=mask), DepthBuffer(depth, weights=depth * counted)
+        for objective in (Objective("band"), Objective("p", "l1")):
+            one, other = (
+                optimal_warp(SceneView(CAMERA, DirectionalLight((0.3, -1, 0.2)), buffer), objective)
+                for buffer in (named, given)
+            )
+            np.testing.assert_allclose(one.value, other.value, rtol=1e-13)
+            np.testing.assert_allclose(one.warp.eta, other.warp.eta, rtol=1e-7)
+
+
+def test_the_mean_of_e_p_by_depth_has_a_closed_form():
+    """theory.md section 5: eta = sqrt(B_2 / B_0), two sums; with weights z the sums are over delta alone."""
+    depth, _ = hills(2)
+    light = np.array([0.3, -1, -0.4])
+    buffer = DepthBuffer(depth, weights="depth")
+    solution = optimal_warp(SceneView(CAMERA, DirectionalLight(light), buffer), Objective("p", "l1"))
+    points, _ = pixels_of(depth, depth)
+    eye = (points - [0, 2, 0]) * [1, 1, -1]
+    towards = light * [1, 1, -1] / np.linalg.norm(light)
+    axis = np.array([0, 0, 1]) - towards * towards[2]
+    delta = eye @ axis
+    delta = (delta - delta.min()) / np.ptp(delta)
+    np.testing.assert_allclose(solution.warp.eta, np.sqrt((delta**2).sum() / ((1 - delta) ** 2).sum()), rtol=1e-12)
+
+
+KINDS = {
+    "points": lambda w: PointReceivers(np.array([[0.0, 0.0, -5.0], [1, 1, -9], [2, 0, -60]]), w),
+    "buffer": lambda w: DepthBuffer(np.array([[5.0, 9.0, 60.0]]), weights=None if w is None else [w]),
+    "histogram": lambda w: DepthHistogram([4.0, 8, 20, 70], [1.0, 2, 1], w),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("objective", [Objective("edge"), Objective("p", "l2")], ids=["edge", "p l2"])
+def test_without_any_weight_depths_are_taken_and_it_is_said(kind, objective):
+    none, by_depth = (
+        optimal_warp(SceneView(CAMERA, DirectionalLight((0.1, -1, -0.2)), receivers), objective)
+        for receivers in (KINDS[kind]([0.0, 0.0, 0.0]), _by_depth(kind))
+    )
+    assert Outcome(int(none.result)) is Outcome.depth_weighted
+    assert Outcome(int(by_depth.result)) is not Outcome.depth_weighted
+    np.testing.assert_allclose(none.value, by_depth.value, rtol=1e-14)
+
+
+def _by_depth(kind):
+    plain = KINDS[kind](None)
+    if kind == "points":
+        return PointReceivers(plain.points, "depth")
+    if kind == "buffer":
+        return DepthBuffer(plain.depth, weights="depth")
+    return DepthHistogram(plain.edges, plain.counts, "depth")
+
+
+def test_a_histogram_is_the_points_it_stands_for():
+    """Against a dense sample; the extents of a slab are its corners', so that no bin is taken wider than it is."""
+    edges, counts, weights = (1.0, 3.0, 10.0, 100.0), (5.0, 0.0, 1.0), (0.5, 1.0, 2.0)
+    points, mass = [], []
+    for near, far, count, weight in zip(edges, edges[1:], counts, weights, strict=False):
+        grid = (np.arange(24) + 0.5) / 24 * 2 - 1
+        z, x, y = np.meshgrid(near + (far - near) * (np.arange(60) + 0.5) / 60, grid, grid, indexing="ij")
+        corners = np.stack(np.meshgrid((near, far), (-1, 1), (-1, 1), indexing="ij"), -1).reshape(-1, 3)
+        z, x, y = (np.concatenate([v.ravel(), corners[:, i]]) for i, v in enumerate((z, x, y)))
+        if count:
+            points.append(np.stack([x * z * np.tan(0.4) * 1.6, 2 + y * z * np.tan(0.4), -z], 1))
+            mass.append(np.concatenate([np.full(len(z) - 8, count * weight), np.zeros(8)]))
+    light = DirectionalLight((0.3, -1, -0.4))
+    receivers = DepthHistogram(edges, counts, weights), PointReceivers(np.concatenate(points), np.concatenate(mass))
+    for objective in (Objective("edge"), Objective("band"), Objective("p", "l2")):
+        one, other = (
+            optimal_warp(SceneView(CAMERA, light, r, screen=SCREEN, shadow_map=MAP), objective) for r in receivers
+        )
+        np.testing.assert_allclose(one.value, other.value, rtol=5e-4)  # the sample's, second order in 1/24
+        assert one.excess <= 1e-3
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES[:4], ids=NAMES[:4])
+def test_gradients_are_those_of_differences(objective):
+    """In the camera's height and a weight: through the optimum, implicitly."""
+    points, weights, light = (v[11] for v in sets())
+
+    def solved(v):
+        camera = Camera((0, 2 + v[0], 0), (0, 0, -1), (0, 1, 0), 0.1, 500.0, 0.4, 1.6)
+        receivers = PointReceivers(points, jnp.asarray(weights) + v[1] * (jnp.arange(64) == 3))
+        view = SceneView(camera, DirectionalLight(light), receivers, screen=SCREEN, shadow_map=MAP)
+        solution = optimal_warp(view, objective, throw=False)
+        return jnp.stack([solution.warp.eta, solution.value])
+
+    solved = jax.jit(solved)
+    at = jnp.array([0.05, 0.2])
+    jacobian = jax.jacfwd(solved)(at)
+    for k, step in enumerate(np.eye(2) * 1e-5):
+        slope = (solved(at + step) - solved(at - step)) / 2e-5
+        np.testing.assert_allclose(jacobian[:, k], slope, rtol=2e-5, atol=2e-7)
+    assert np.isfinite(jax.jacrev(solved)(at)).all()
+
+
+def test_gradients_reach_the_pixels():
+    depth, lit = hills(1)
+    light = DirectionalLight((0.3, -1, -0.4))
+
+    def value(scale):
+        buffer = DepthBuffer(depth * scale, weights=jnp.asarray(lit, float))
+        return optimal_warp(SceneView(CAMERA, light, buffer), Objective("edge"), throw=False).value
+
+    slope = (value(1 + 1e-6) - value(1 - 1e-6)) / 2e-6
+    np.testing.assert_allclose(jax.grad(value)(1.0), slope, rtol=1e-3, atol=1e-6)
+
+
+def test_frames_compile_nothing_anew():
+    solve = warpopt.solve.scene.solve_scene
+    lights = np.random.default_rng(0).normal(size=(3, 3))
+    for i, light in enumerate(lights):
+        depth, lit = hills(i)
+        buffer = DepthBuffer(depth, weights=warpopt.edge_weights(lit, DepthBuffer(depth), CAMERA))
+        optimal_warp(
+            SceneView(CAMERA, DirectionalLight(light), buffer, screen=SCREEN, shadow_map=MAP), Objective("edge")
+        )
+        if not i:
+            before = solve._cache_size()
+    assert solve._cache_size() == before
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES[:3], ids=NAMES[:3])
+def test_single_precision_agrees(objective):
+    points, weights, light = (v[21].astype(np.float32) for v in sets())
+    camera = jax.tree.map(lambda v: v.astype(jnp.float32), CAMERA)
+    view = SceneView(camera, DirectionalLight(light), PointReceivers(points, weights), screen=SCREEN, shadow_map=MAP)
+    single = optimal_warp(view, objective)
+    assert single.value.dtype == single.gap.dtype == jnp.float32
+    double = optimal_warp(view_of(points.astype(float), weights.astype(float), light.astype(float)), objective)
+    np.testing.assert_allclose(single.value, double.value, rtol=1e-5)
+    assert single.gap <= 1e-5
+
+
+def test_pointwise_sizes_average_to_the_norm():
+    points, weights, light = (v[13] for v in sets())
+    for metric in ("edge", "band", "max"):
+        view = view_of(points, weights, light)
+        solution = optimal_warp(view, Objective(metric, "l1"))
+        size = solution.aliasing_error(CAMERA.to_eye(points), metric)
+        np.testing.assert_allclose((weights * size).sum() / weights.sum(), solution.value, rtol=1e-12)
+        norm = warpopt.error_norm(view, solution, Objective(metric, "l1"))
+        np.testing.assert_allclose(norm, solution.value, rtol=1e-12)
+
+
+def test_without_resolutions_pixels_are_square():
+    """A square map under square pixels: the same optimum as with resolutions of that aspect."""
+    points, weights, light = (v[17] for v in sets())
+    with_them = optimal_warp(
+        view_of(points, weights, light, screen=(1600, 1000), shadow_map=(512, 512)), Objective("edge")
+    )
+    without = optimal_warp(
+        SceneView(CAMERA, DirectionalLight(light), PointReceivers(points, weights)), Objective("edge")
+    )
+    np.testing.assert_allclose(with_them.warp.eta, without.warp.eta, rtol=1e-7)
+    np.testing.assert_allclose(with_them.value, without.value * 1000 / 2 / 512, rtol=1e-12)
+
+
+ONES, BOX, SUN = np.ones((2, 2)), ConvexBody.box((-1, 0, -9), (1, 2, -5)), DirectionalLight((0, -1, 0))
+BAD = {
+    "negative": (lambda: PointReceivers(np.ones((2, 3)), [1.0, -1.0]), "weights: got -1.0, expected finite numbers >="),
+    "NaN": (lambda: DepthBuffer(ONES, weights=[[1.0, np.nan], [0, 0]]), "weights: got nan"),
+    "shape": (lambda: DepthBuffer(ONES, weights=np.ones(4)), r"weights: got shape \(4,\), expected \(2, 2\)"),
+    "word": (lambda: DepthBuffer(ONES, weights="z"), "weights: got 'z', expected 'uniform', 'depth' or an array"),
+    "mask": (lambda: DepthBuffer(ONES, lit=[[0.5, 1], [0, 0]]), "lit: got 0.5, expected true or false"),
+    "mask's shape": (lambda: PointReceivers(np.ones((2, 3)), lit=[True]), r"lit: got shape \(1,\), expected \(2,\)"),
+    "histogram": (lambda: DepthHistogram([1.0, 2.0], [1.0], [1.0, 2.0]), r"weights: got shape \(2,\), expected \(1,\)"),
+    "L-inf": (lambda: Objective("edge", "inf"), "norm: got 'inf', expected 'l1', 'l2'"),
+    "body": (
+        lambda: optimal_warp(SceneView(CAMERA, SUN, BOX), Objective("band")),
+        "metric: got 'band' in norm l1 with ConvexBody, expected points",
+    ),
+    "frustum": (
+        lambda: optimal_warp(warpopt.FrustumView(warpopt.ViewFrustum(1.0, 9.0, 0.4), 1.0), Objective("edge")),
+        "metric: got 'edge', expected one product",
+    ),
+    "bound": (
+        lambda: warpopt.lower_bound(view_of(*(v[0] for v in sets())), Objective("edge")),
+        "No lower bound is known for a mean",
+    ),
+    "pointwise": (
+        lambda: warpopt.theory.aggregate("edge", jnp.ones(1), jnp.ones(1)), "metric: got 'edge', which also depends on"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_refused_in_one_sentence(name):
+    make, words = BAD[name]
+    with pytest.raises(ValueError, match=words):
+        make()
