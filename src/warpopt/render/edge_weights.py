@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from .._checks import Numbers, checked, float_arrays, instance
 from ..receivers.depth_buffer import DepthBuffer, eye_points
 from ..receivers.weighted.weights import mask_of
-from ..scene_files.mask_files import read_mask
+from ..scene_files.depth_files import read_mask
 from ..theory.camera import Camera
 from .shadow_matrix import ClipSpace
 
@@ -41,6 +41,13 @@ class RenderedMap(eqx.Module):
 
     Raises:
         ValueError: other shapes, NaN, depths outside [0, 1].
+
+    Example:
+        >>> import warpopt
+        >>> empty = RenderedMap(jnp.ones((64, 64)), jnp.eye(4))   # nothing was drawn: the light reaches everything
+        >>> camera = warpopt.Camera((0, 0, 0.5), (0, 0, -1), (0, 1, 0), near=0.1, far=10.0, half_fov=0.4)
+        >>> float(edge_weights(empty, DepthBuffer(jnp.full((4, 4), 1.0)), camera).share)
+        0.0
     """
 
     depth: Float[Array, "R C"]
@@ -184,8 +191,9 @@ def _of_map(rendered: RenderedMap, receivers: DepthBuffer, camera: Camera) -> Ed
 def _slope(s: Array, t: Array, depth: Array, seen: Array, ds: float, dt: float) -> Array:
     """The depth that a surface spans over one texel, from differences to the pixels beside; 0 where it has none."""
 
-    def along(axis: int) -> tuple[Array, Array, Array]:
-        return tuple(jnp.gradient(v, axis=axis) if v.shape[axis] > 1 else jnp.zeros_like(v) for v in (s, t, depth))
+    def along(axis: int) -> Array:
+        values = jnp.stack([s, t, depth])
+        return jnp.asarray(jnp.gradient(values, axis=axis + 1)) if depth.shape[axis] > 1 else jnp.zeros_like(values)
 
     (s_p, t_p, z_p), (s_q, t_q, z_q) = along(0), along(1)
     area = s_p * t_q - s_q * t_p
