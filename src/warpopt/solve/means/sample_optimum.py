@@ -61,11 +61,13 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
         throw=False,
     )
     u, outcome, residual = settled(norm, root.value, eps)
-    # Between its neighbours the best node may have a local minimum on either side of it: the node is kept if the one
-    # that the root finder came to is the worse.
-    better = value_at(fixed, jax.lax.stop_gradient(u)) <= value_at(fixed, jnp.log(found.eta)) * (1 + noise)
-    outcome = jnp.where(better, outcome, Outcome.not_converged)
-    u = jnp.where(inside, jnp.where(better, u, jnp.log(found.eta)), jnp.where(unbounded, jnp.log(floor), 0))
+    # Between its neighbours the best node may have a local minimum on either side of it: the node, which is within the
+    # tolerance of the global minimum, is kept if the one that the root finder came to is the worse.
+    node = jnp.log(found.eta)
+    better = value_at(fixed, jax.lax.stop_gradient(u)) <= value_at(fixed, node) * (1 + noise)
+    outcome = jnp.where(better, outcome, Outcome.stationary)
+    residual = jnp.where(better, residual, jnp.abs(rise(node, None)[0]))
+    u = jnp.where(inside, jnp.where(better, u, node), jnp.where(unbounded, jnp.log(floor), 0))
     outcome = jnp.where(inside, outcome, jnp.where(unbounded, Outcome.unbounded, Outcome.no_warp))
     outcome = jnp.where(fixed.footprint.flat, Outcome.flat, outcome)
     outcome = jnp.where(fixed.footprint.empty, Outcome.empty, outcome).astype(jnp.int32)
