@@ -11,6 +11,7 @@ from ...scene_files.depth_files import read_values
 from ...scene_files.depth_image import Encoding, decoded_image
 from ...scene_files.gltf import read_geometry, read_gltf_camera, read_light
 from ...scene_files.landscape import landscape
+from ...scene_files.made import MadeScene, made_scene
 from ...scene_files.rasterise import rasterise
 from ...scene_files.scene_camera import SceneCamera
 from ..common.settings import ConfigError
@@ -28,6 +29,7 @@ class SceneInput:
         depths: an image (height, width) for each distinct camera, encoded as `encoding`; empty for other receivers.
         encoding: see `warpopt.receivers.DepthBuffer`.
         casters: (N, 3) world points of shadow casters, if known beyond the receivers.
+        triangles: (N, 3, 3) the surfaces, of scenes made of triangles.
         steps, lights: see `light_path`.
         notes: sentences for the user: parts of the files that were left out, and why an image is empty.
     """
@@ -37,6 +39,7 @@ class SceneInput:
     depths: list[np.ndarray]
     encoding: Encoding
     casters: np.ndarray | None
+    triangles: np.ndarray | None
     steps: list[Step]
     lights: list[tuple[float, float, float]]
     notes: list[str]
@@ -50,7 +53,8 @@ def read_scene(config: SceneSettings, folder: Path) -> SceneInput:
     """
     receivers, notes = config.receivers, []
     steps, lights = light_path(_light(config, folder), config.handedness)
-    depths, casters = [], None
+    depths, casters, triangles = [], None, None
+    from_seed = receivers.made and made_scene(receivers.made.scene, receivers.made.seed)
     if receivers.depth is not None:
         cameras, depths = _seen_in_files(config, receivers.depth, folder, notes)
         # Two frames from one camera are two scenes.
@@ -59,14 +63,16 @@ def read_scene(config: SceneSettings, folder: Path) -> SceneInput:
         cameras = [_camera(config, i, None) for i in range(len(config.camera))]
         if receivers.gltf is not None and not cameras:
             cameras = [_gltf_camera(config, folder / receivers.gltf.file)]
+        if from_seed and receivers.made and not cameras:
+            cameras = [from_seed.camera(i, config.default_aspect()) for i in range(receivers.made.views)]
         keys = [camera.key for camera in cameras]
     first = {key: keys.index(key) for key in keys}
     order = list(first)
     distinct = [cameras[i] for i in first.values()]
     depths = [depths[i] for i in first.values()] if depths else []
-    made = receivers.gltf or receivers.landscape
+    made = receivers.gltf or receivers.landscape or receivers.made
     if made is not None:
-        triangles = _triangles(config, folder, notes)
+        triangles = _triangles(config, folder, from_seed, notes)
         casters = triangles.reshape(-1, 3)
         sizes = [(max(1, round(made.width / camera.aspect)), made.width) for camera in distinct]
         depths = [rasterise(triangles, camera, *size) for camera, size in zip(distinct, sizes, strict=True)]
@@ -74,7 +80,8 @@ def read_scene(config: SceneSettings, folder: Path) -> SceneInput:
         lower, upper = receivers.box.lower, receivers.box.upper
         casters = np.stack(np.meshgrid(*zip(lower, upper, strict=True)), -1).reshape(-1, 3)
     encoding = "linear" if receivers.depth is None else receivers.depth.encoding
-    return SceneInput(distinct, [order.index(key) for key in keys], depths, encoding, casters, steps, lights, notes)
+    which = [order.index(key) for key in keys]
+    return SceneInput(distinct, which, depths, encoding, casters, triangles, steps, lights, notes)
 
 
 @contextlib.contextmanager
@@ -105,7 +112,9 @@ def _camera(config: SceneSettings, i: int, size: tuple[int, int] | None) -> Scen
         return config.camera[i].scene_camera(config.handedness, config.default_aspect(), size)
 
 
-def _triangles(config: SceneSettings, folder: Path, notes: list[str]) -> np.ndarray:
+def _triangles(config: SceneSettings, folder: Path, from_seed: MadeScene | None, notes: list[str]) -> np.ndarray:
+    if from_seed is not None:
+        return from_seed.triangles
     made = config.receivers.landscape
     if made is not None:
         return landscape(made.seed, made.size, made.relief, made.cells)

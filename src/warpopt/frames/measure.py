@@ -1,0 +1,142 @@
+"""How wrong a shadow map's picture is: misread pixels, and how many the size of its texels predicts."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy import ndimage
+
+from .seen import Frame
+from .shadow_map import Reading, ShadowMap, screen_steps
+
+GROUPS = 8
+"""Groups of pixels whose grids are shifted independently; interleaved, so that each samples the whole frame."""
+FAR_PIXELS = 2.5
+"""Beyond this distance from the true edge a wrong pixel is not the edge's roughness but another shadow."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Verdict:
+    """The error of one frame under one map. Shares are of the judged pixels; NaN where the truth has no edge.
+
+    Attributes:
+        wrong: share whose verdict differs from the truth: `false` and `missing` together.
+        false: lit in truth, in shadow by the map.
+        missing: in shadow in truth, lit by the map.
+        filtered: mean difference of the lit share from the truth, equal to `wrong` for "nearest".
+        far: share that is wrong and more than `FAR_PIXELS` from the true edge.
+        shown: (P,) the lit share that each judged pixel read.
+    """
+
+    wrong: float
+    false: float
+    missing: float
+    filtered: float
+    far: float
+    shown: Float[np.ndarray, " P"]
+
+
+def shifts(frame: Frame, seed: int, groups: int = GROUPS) -> Float[np.ndarray, "P 2"]:
+    """For each judged pixel the shift of the map's grid, in texels: one for each group, evenly spread.
+
+    What a frame loses depends on where texels happen to lie: one grid makes neighbouring warps differ by 10 %.
+    """
+    random = np.random.default_rng(seed)
+    # One in each row and each column of a grid: the mean over few shifts is nearer the mean over all.
+    even = np.stack([(random.permutation(groups) + random.random(groups)) / groups for _ in range(2)], 1)
+    rows, columns = np.nonzero(frame.judged)
+    return even[(columns + 3 * rows) % groups]
+
+
+def judge(frame: Frame, shown: Float[np.ndarray, " P"]) -> Verdict:
+    """The error of what the judged pixels read.
+
+    Args:
+        frame: with its truth.
+        shown: lit shares, as `ShadowMap.visibility` gives them.
+
+    Raises:
+        ValueError: not one number for each judged pixel.
+    """
+    if shown.shape != frame.lit.shape:
+        raise ValueError(f"shown: got shape {shown.shape}, expected {frame.lit.shape}, one for each judged pixel")
+    if not frame.defined:
+        return Verdict(*[float("nan")] * 5, shown)
+    says_lit = shown >= 0.5
+    false, missing = frame.lit & ~says_lit, ~frame.lit & says_lit
+    far = (false | missing) & (distance_from_edge(frame)[frame.judged] > FAR_PIXELS)
+    return Verdict(
+        float((false | missing).mean()), float(false.mean()), float(missing.mean()),
+        float(np.abs(shown - frame.lit).mean()), float(far.mean()), shown,
+    )  # fmt: skip
+
+
+def measured(
+    frame: Frame, shadow_map: ShadowMap, reading: Reading | None = None, seed: int = 0, groups: int = GROUPS
+) -> Verdict:
+    """The error of a frame under a map, over grid shifts; `groups` = 1 reads the map as it lies.
+
+    Args:
+        frame, shadow_map: of the same scene.
+        reading: filter and bias; nearest with one texel of slope by default.
+        seed: of the shifts.
+        groups: see `shifts`.
+    """
+    shift = shifts(frame, seed, groups) if groups > 1 else None
+    return judge(frame, shadow_map.visibility(frame, reading or Reading(), shift))
+
+
+def true_edges(frame: Frame) -> Bool[np.ndarray, "H W"]:
+    """Judged pixels with a judged neighbour, across or up, whose truth differs."""
+    return edges_of(frame.judged, frame.image(frame.lit, False))
+
+
+def edges_of(judged: Bool[np.ndarray, "H W"], lit: Bool[np.ndarray, "H W"]) -> Bool[np.ndarray, "H W"]:
+    """Pixels beside a shadow's edge in a mask: of both sides, among judged pixels."""
+    edge = np.zeros(judged.shape, bool)
+    for axis in (0, 1):
+        one, other = (tuple(slice(*ends) if k == axis else slice(None) for k in (0, 1)) for ends in ((1, None), (-1,)))
+        differs = judged[one] & judged[other] & (lit[one] != lit[other])
+        edge[one] |= differs
+        edge[other] |= differs
+    return edge
+
+
+def distance_from_edge(frame: Frame) -> Float[np.ndarray, "H W"]:
+    """Pixels to the nearest true edge; inf if there is none."""
+    edge = true_edges(frame)
+    if not edge.any():
+        return np.full(edge.shape, np.inf)
+    return np.asarray(ndimage.distance_transform_edt(~edge))
+
+
+def texel_footprints(frame: Frame, shadow_map: ShadowMap) -> Float[np.ndarray, "P 2 2"]:
+    """d(column, row)/d(texel) on each receiver: the edges of its texel on the screen, in pixels, the last index's t, s.
+
+    By differences through the matrix's own projection, on the receivers' planes: perspective and projection error.
+    """
+    steps = screen_steps(shadow_map, frame, shadow_map.texture(frame.places))
+    return np.linalg.inv(steps * shadow_map.size[:, None])
+
+
+def predicted_wrong(frame: Frame, shadow_map: ShadowMap) -> float:
+    """The number of wrong pixels that edge length times offset predicts.
+
+    A texel that is a parallelogram on the screen, with extents a and b across an edge, moves the edge by |u a + v b|, u
+    and v uniform in [-1/2, 1/2]: in the mean max/4 + min^2/(12 max) of |a|, |b|. Its length is the total variation of
+    the truth, from differences over three pixels, on judged pixels away from silhouettes.
+    """
+    lit = frame.image(frame.lit.astype(float), 0.0)
+    whole = ndimage.minimum_filter(frame.judged.astype(np.uint8), 3).astype(bool)
+    # Differences of a mean over three rows (columns): their length is that of a smooth edge to 5 %, in any direction.
+    weights = np.array([1.0, 2.0, 1.0]) / 4
+    across = ndimage.correlate1d(ndimage.correlate1d(lit, np.array([-0.5, 0, 0.5]), 1), weights, 0)
+    down = ndimage.correlate1d(ndimage.correlate1d(lit, np.array([-0.5, 0, 0.5]), 0), weights, 1)
+    size = np.where(whole, np.hypot(across, down), 0)
+    on = size > 0
+    normal = np.stack([across[on], down[on]], 1) / size[on][:, None]
+    feet = texel_footprints(frame, shadow_map)[on[frame.judged]]
+    extents = np.abs(np.einsum("ij,ijk->ik", normal, feet))
+    most, least = extents.max(1), extents.min(1)
+    offset = most / 4 + least**2 / (12 * np.where(most > 0, most, 1))
+    return float((size[on] * offset).sum())

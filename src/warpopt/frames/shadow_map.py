@@ -1,0 +1,226 @@
+"""A shadow map read through its matrix: biases, filters, and the texels that pixels read."""
+
+import dataclasses
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .._words import one_of
+from .light_rays import LitScene
+from .seen import Frame
+
+Bias = Literal["slope", "constant", "plane", "second_depth", "back_faces"]
+Filter = Literal["nearest", "pcf2", "pcf3", "eye_blur"]
+BIASES: tuple[str, ...] = ("slope", "constant", "plane", "second_depth", "back_faces")
+FILTERS: tuple[str, ...] = ("nearest", "pcf2", "pcf3", "eye_blur")
+_TAPS = {"nearest": 1, "pcf2": 2, "pcf3": 3}
+_BLUR_SIDE = 4  # taps along each axis of the blur on the screen
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """How a map is read.
+
+    Args:
+        filter: "nearest"; "pcf2" and "pcf3", the mean verdict of 2x2 (bilinear) and 3x3 texels; "eye_blur", the mean
+            over an area around the receiver whose size is given in pixels of the screen, at every depth (SC 4.3).
+        bias: "slope", `amount` texels of the receiver's slope (the larger of both axes, as graphics interfaces have
+            it); "constant", `amount` times the depth range of the map; "plane", the receiver's plane at the texel's
+            centre and `amount` texels of slope; "second_depth", the middle between the first two surfaces;
+            "back_faces", the first surface that turns its back to the light. The last two use `amount` as "slope".
+        amount: None for the default: one texel for nearest, 1.5 for 2x2 and two for 3x3; a tenth for plane, second
+            depth and back faces; 0.002 of the depth range for "constant".
+        warped_depth: compare and bias the map's depth z/w, in which the warp divides by A, and not the distance.
+        blur_pixels: width of "eye_blur".
+
+    Raises:
+        ValueError: an unknown word, or an amount that is not a number >= 0.
+
+    Example:
+        >>> Reading("pcf3").texels
+        2.0
+    """
+
+    filter: Filter = "nearest"
+    bias: Bias = "slope"
+    amount: float | None = None
+    warped_depth: bool = False
+    blur_pixels: float = 3.0
+
+    def __post_init__(self):
+        one_of("filter", self.filter, FILTERS)
+        one_of("bias", self.bias, BIASES)
+        if self.amount is not None and not 0 <= self.amount < np.inf:
+            raise ValueError(f"amount: got {self.amount}, expected a finite number >= 0")
+        if not 0 < self.blur_pixels < np.inf:
+            raise ValueError(f"blur_pixels: got {self.blur_pixels}, expected a finite number > 0")
+
+    @property
+    def texels(self) -> float:
+        """The bias: texels of slope, or the share of the map's depth range for "constant"."""
+        if self.amount is not None:
+            return self.amount
+        if self.bias == "constant":
+            return 0.002
+        if self.bias != "slope":
+            return 0.1
+        return {"nearest": 1.0, "pcf2": 1.5, "pcf3": 2.0, "eye_blur": 1.0}[self.filter]
+
+
+class ShadowMap:
+    """A shadow map of a scene: `shadow_matrix` and a size. Texels are traced where they are read, never stored.
+
+    Args:
+        scene: what casts shadows.
+        matrix: (4, 4) world to clip space, OpenGL's convention, for column vectors.
+        size: texels along (t, s).
+
+    Raises:
+        ValueError: a matrix of another shape, not finite, or under which light rays are not lines of constant (t, s).
+    """
+
+    def __init__(self, scene: LitScene, matrix: Float[np.ndarray, "4 4"], size: tuple[int, int]):
+        matrix = np.asarray(matrix, float)
+        if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+            raise ValueError(f"matrix: got shape {matrix.shape}, expected (4, 4) finite numbers")
+        self.scene, self.size = scene, np.array(size, float)
+        # Columns: a, b, h and 1. Clip coordinates x, y become texture coordinates t, s.
+        turned = matrix @ np.block([[scene.axes.T, scene.origin[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
+        rows = np.stack([(turned[0] + turned[3]) / 2, (turned[1] + turned[3]) / 2, turned[3]])
+        drift = np.abs(rows[:, 2]).max() * scene.size
+        # Rounding of the matrix's product: a few units in the last place of its largest entry.
+        if drift > 1e-6 * np.abs(rows[:, [0, 1, 3]] * [scene.size, scene.size, 1]).max():
+            raise ValueError("matrix: got one for another light, expected light rays of constant (t, s)")
+        self.plane = rows[:, [0, 1, 3]]  # (a, b, 1) to (t w, s w, w)
+        self.back = np.linalg.inv(self.plane)
+        self.depth_row, self.w_row = turned[2], turned[3]
+
+    def texture(self, places: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, "P 2"]:
+        """(t, s) of places (a, b), in [0, 1] inside the map."""
+        made = places @ self.plane[:, :2].T + self.plane[:, 2]
+        return made[:, :2] / made[:, 2:]
+
+    def place(self, texture: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, "P 2"]:
+        """Places (a, b) of (t, s)."""
+        made = texture @ self.back[:, :2].T + self.back[:, 2]
+        return made[:, :2] / made[:, 2:]
+
+    def stretch(self, texture: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, "P 2 2"]:
+        """d(a, b)/d(t, s), the last index for t and s: the texel's edges on the light plane, times the map's size."""
+        made = texture @ self.back[:, :2].T + self.back[:, 2]
+        w = made[:, 2, None, None]
+        return (self.back[None, :2, :2] - (made[:, :2] / made[:, 2:])[:, :, None] * self.back[2, :2]) / w
+
+    def stored(self, places: Float[np.ndarray, "P 2"], heights: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
+        """The map's depth z/w of points, in [-1, 1] for receivers."""
+        z = places @ self.depth_row[:2] + heights * self.depth_row[2] + self.depth_row[3]
+        return z / (places @ self.w_row[:2] + self.w_row[3])
+
+    @property
+    def unit_depth(self) -> float:
+        """The distance along the light that the map's depth range spans where w is 1 (no warp: everywhere)."""
+        return 2 / self.depth_row[2]
+
+    def visibility(
+        self, frame: Frame, reading: Reading, shift: Float[np.ndarray, "P 2"] | None = None
+    ) -> Float[np.ndarray, " P"]:
+        """The lit share that each judged pixel reads from the map, 0 or 1 for "nearest".
+
+        Args:
+            shift: by how many texels the grid lies off its place for each pixel: with random ones the error is the
+                mean over where the grid happens to lie.
+        """
+        shift = np.zeros((len(frame.places), 2)) if shift is None else shift
+        texture = self.texture(frame.places)
+        if reading.filter == "eye_blur":
+            return self._eye_blur(frame, texture, shift, reading)
+        taps = _TAPS[reading.filter]
+        position = texture * self.size + shift
+        # The first texel read; with 2x2 taps the four whose centres surround the receiver.
+        first = np.floor(position - (taps - 1) / 2)
+        share = position - 0.5 - first
+        total = np.zeros(len(texture))
+        for i in range(taps):
+            for j in range(taps):
+                read = self._verdicts(frame, texture, first + np.array([i, j]), shift, reading)
+                weight = 1 / taps**2
+                if taps == 2:
+                    weight = np.abs(1 - i - share[:, 0]) * np.abs(1 - j - share[:, 1])
+                total += weight * read
+        return total
+
+    def _eye_blur(self, frame: Frame, texture: np.ndarray, shift: np.ndarray, reading: Reading) -> np.ndarray:
+        """Taps on the screen's grid around each pixel: in the map their spacing shrinks with depth (SC 4.3)."""
+        steps = screen_steps(self, frame, texture)
+        offsets = ((np.arange(_BLUR_SIDE) + 0.5) / _BLUR_SIDE - 0.5) * reading.blur_pixels
+        total = np.zeros(len(texture))
+        for i in offsets:
+            for j in offsets:
+                there = texture + steps @ np.array([i, j])
+                texel = np.floor(there * self.size + shift)
+                total += self._verdicts(frame, texture, texel, shift, reading, there)
+        return total / _BLUR_SIDE**2
+
+    def _verdicts(
+        self, frame: Frame, texture: np.ndarray, texel: np.ndarray, shift: np.ndarray, reading: Reading,
+        receiver_at: np.ndarray | None = None,
+    ) -> Bool[np.ndarray, " P"]:  # fmt: skip
+        """Whether each receiver is lit by the texel with these whole coordinates in its shifted grid."""
+        centre = (texel + 0.5 - shift) / self.size
+        # Neighbours with the same texel and shift share a ray: a map holds one depth a texel.
+        places, first = self.place(centre), None
+        new = np.ones(len(texel), bool)
+        new[1:] = ((texel[1:] != texel[:-1]) | (shift[1:] != shift[:-1])).any(1)
+        which = np.cumsum(new) - 1
+        traced = places[new]
+        if reading.bias == "back_faces":
+            first = self.scene.back_hits(traced)[0]
+        else:
+            first = self.scene.first_hits(traced)[0]
+            if reading.bias == "second_depth":
+                second = self.scene.second_hits(traced)
+                first = np.where(np.isfinite(second), (first + second) / 2, first)
+        first = first[which]
+        heights, at = frame.heights, frame.places
+        if reading.bias == "plane" or receiver_at is not None:
+            target = places if reading.bias == "plane" else self.place(receiver_at)  # pyright: ignore[reportArgumentType]
+            heights = heights + np.einsum("ij,ij->i", frame.slopes, target - at)
+            at = target
+        rise = np.einsum("ij,ijk->ik", frame.slopes, self.stretch(texture)) / self.size
+        w = at @ self.w_row[:2] + self.w_row[3]
+        if reading.warped_depth:
+            hit = np.isfinite(first)
+            caster = np.where(hit, self.stored(places, np.where(hit, first, 0)), np.inf)
+            receiver = self.stored(at, heights)
+            # d(z/w) = (dz - (z/w) dw)/w along the receiver's plane, for one texel of each axis
+            edges = self.stretch(texture) / self.size
+            dz = np.einsum("k,ikj->ij", self.depth_row[:2], edges) + self.depth_row[2] * rise
+            dw = np.einsum("k,ikj->ij", self.w_row[:2], edges)
+            slope = np.abs((dz - receiver[:, None] * dw) / w[:, None]).max(1)
+            bias = 2 * reading.texels if reading.bias == "constant" else reading.texels * slope
+            return ~(caster < receiver - bias)
+        bias = reading.texels * (self.unit_depth if reading.bias == "constant" else np.abs(rise).max(1))
+        return ~(first < heights - bias - self.scene.tolerance(np.abs(frame.slopes).sum(1)))
+
+
+def screen_steps(shadow_map: ShadowMap, frame: Frame, texture: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, "P 2 2"]:
+    """d(t, s)/d(column, row): how far a step of one pixel goes in the map on each receiver's plane.
+
+    The last index is the screen's: to the right and down. Its inverse over the map's size is a texel's footprint in
+    pixels, perspective and projection error together.
+    """
+    scene, camera = shadow_map.scene, frame.camera
+    height, width = frame.judged.shape
+    left, right, bottom, top = camera.window
+    eye = scene.coordinates(camera.position)
+    at = np.column_stack([frame.places, frame.heights])
+    rays = (at - eye) / frame.depth[frame.judged][:, None]
+    turn = camera.rotation @ scene.axes.T  # rows: right, up and forward in (a, b, h)
+    steps = np.stack([turn[0] * (right - left) / width, -turn[1] * (top - bottom) / height])
+    # On the plane h = slopes . (a, b) + const, c = z r: dc = z dr + r dz with n . dc = 0.
+    normal = np.column_stack([-frame.slopes, np.ones(len(at))])
+    z = frame.depth[frame.judged]
+    across = np.einsum("ij,ij->i", normal, rays)
+    moved = z[:, None, None] * (steps - rays[:, None] * ((normal @ steps.T) / across[:, None])[..., None])
+    return np.linalg.solve(shadow_map.stretch(texture), moved[..., :2].transpose(0, 2, 1))
