@@ -61,7 +61,8 @@ def judge(frame: Frame, shown: Float[np.ndarray, " P"]) -> Verdict:
     if shown.shape != frame.lit.shape:
         raise ValueError(f"shown: got shape {shown.shape}, expected {frame.lit.shape}, one for each judged pixel")
     if not frame.defined:
-        return Verdict(*[float("nan")] * 5, shown)
+        none = float("nan")
+        return Verdict(none, none, none, none, none, shown)
     says_lit = shown >= 0.5
     false, missing = frame.lit & ~says_lit, ~frame.lit & says_lit
     far = (false | missing) & (distance_from_edge(frame)[frame.judged] > FAR_PIXELS)

@@ -45,8 +45,12 @@ class SceneInput:
     notes: list[str]
 
 
-def read_scene(config: SceneSettings, folder: Path) -> SceneInput:
+def read_scene(config: SceneSettings, folder: Path, images: bool = True) -> SceneInput:
     """Read the files, relative to `folder`, and make the depth images.
+
+    Args:
+        config, folder: of the configuration.
+        images: whether to rasterise triangles.
 
     Raises:
         ConfigError: names the key, what was got and what was expected.
@@ -75,7 +79,7 @@ def read_scene(config: SceneSettings, folder: Path) -> SceneInput:
         triangles = _triangles(config, folder, from_seed, notes)
         casters = triangles.reshape(-1, 3)
         sizes = [(max(1, round(made.width / camera.aspect)), made.width) for camera in distinct]
-        depths = [rasterise(triangles, camera, *size) for camera, size in zip(distinct, sizes, strict=True)]
+        depths = [rasterise(triangles, camera, *size) for camera, size in zip(distinct, sizes, strict=True) if images]
     elif receivers.box is not None:
         lower, upper = receivers.box.lower, receivers.box.upper
         casters = np.stack(np.meshgrid(*zip(lower, upper, strict=True)), -1).reshape(-1, 3)

@@ -121,7 +121,7 @@ def _forest(random: np.random.Generator) -> MadeScene:
     places = random.choice(inner, 420, replace=False) + random.uniform(-0.8, 0.8, (420, 1)) * [1, 0, 1]
     trees = _planted(random, places - [0, 0.4, 0], (6.0, 14.0), [conifer, broadleaf, broadleaf])
     middle = inner[np.hypot(inner[:, 0], inner[:, 2]) < 55]
-    clear = middle[np.linalg.norm(middle[:, None, ::2] - places[None, :, ::2], axis=2).min(1) > 1.8]
+    clear = middle[np.linalg.norm(middle[:, None, ::2] - places[None, :, ::2], axis=2).min(1) > 3.2]
     eyes = clear[random.permutation(len(clear))[:64] % len(clear)] + [0, EYE, 0]
     eyes[3::4, 1] += 3
     return MadeScene(np.concatenate([triangles, *trees]), eyes, _looks(random, 64), 300.0)
