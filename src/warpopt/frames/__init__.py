@@ -4,7 +4,7 @@ Needs the package embreex (the extra `frames`). Does not need JAX, except `fits`
 """
 
 from .light_rays import LitScene, NoRayCaster, ray_caster
-from .measure import Verdict, judge, measured, predicted_wrong, texel_footprints, true_edges
+from .measure import Verdict, judge, measured, predicted_wrong, texel_footprints
 from .seen import Frame, see
 from .shadow_map import BIASES, FILTERS, Reading, ShadowMap
 
@@ -23,5 +23,4 @@ __all__ = [
     "ray_caster",
     "see",
     "texel_footprints",
-    "true_edges",
 ]

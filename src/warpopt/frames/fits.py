@@ -18,9 +18,9 @@ from ..theory.camera import Camera, DirectionalLight
 from ..theory.warp import Warp
 from ..views import SceneView
 from .light_rays import LitScene
-from .measure import edges_of, measured
+from .measure import measured
 from .names import objective_of
-from .seen import Frame
+from .seen import Frame, edges_of
 from .shadow_map import Reading, ShadowMap
 
 Fit = Literal["receivers", "engine"]

@@ -161,7 +161,7 @@ class LitScene:
         """Depth h of each triangle's plane at a place, within the triangle's own range of depths."""
         offset = places - self.points[which, 0, :2]
         with np.errstate(invalid="ignore", over="ignore"):
-            depth = self.points[which, 0, 2] + np.einsum("ij,ij->i", self.slopes[which], offset)
+            depth = self.points[which, 0, 2] + (self.slopes[which] * offset).sum(1)
         middle = (self.least[which] + self.most[which]) / 2
         return np.clip(np.where(np.isfinite(depth), depth, middle), self.least[which], self.most[which])
 

@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy import ndimage
 
 from .seen import Frame
@@ -65,7 +65,7 @@ def judge(frame: Frame, shown: Float[np.ndarray, " P"]) -> Verdict:
         return Verdict(none, none, none, none, none, shown)
     says_lit = shown >= 0.5
     false, missing = frame.lit & ~says_lit, ~frame.lit & says_lit
-    far = (false | missing) & (distance_from_edge(frame)[frame.judged] > FAR_PIXELS)
+    far = (false | missing) & (frame.edge_distance[frame.judged] > FAR_PIXELS)
     return Verdict(
         float((false | missing).mean()), float(false.mean()), float(missing.mean()),
         float(np.abs(shown - frame.lit).mean()), float(far.mean()), shown,
@@ -85,30 +85,6 @@ def measured(
     """
     shift = shifts(frame, seed, groups) if groups > 1 else None
     return judge(frame, shadow_map.visibility(frame, reading or Reading(), shift))
-
-
-def true_edges(frame: Frame) -> Bool[np.ndarray, "H W"]:
-    """Judged pixels with a judged neighbour, across or up, whose truth differs."""
-    return edges_of(frame.judged, frame.image(frame.lit, False))
-
-
-def edges_of(judged: Bool[np.ndarray, "H W"], lit: Bool[np.ndarray, "H W"]) -> Bool[np.ndarray, "H W"]:
-    """Pixels beside a shadow's edge in a mask: of both sides, among judged pixels."""
-    edge = np.zeros(judged.shape, bool)
-    for axis in (0, 1):
-        one, other = (tuple(slice(*ends) if k == axis else slice(None) for k in (0, 1)) for ends in ((1, None), (-1,)))
-        differs = judged[one] & judged[other] & (lit[one] != lit[other])
-        edge[one] |= differs
-        edge[other] |= differs
-    return edge
-
-
-def distance_from_edge(frame: Frame) -> Float[np.ndarray, "H W"]:
-    """Pixels to the nearest true edge; inf if there is none."""
-    edge = true_edges(frame)
-    if not edge.any():
-        return np.full(edge.shape, np.inf)
-    return np.asarray(ndimage.distance_transform_edt(~edge))
 
 
 def texel_footprints(frame: Frame, shadow_map: ShadowMap) -> Float[np.ndarray, "P 2 2"]:

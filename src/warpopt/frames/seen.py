@@ -1,9 +1,11 @@
 """What a camera sees, in the light's coordinates, and the truth: which of it the light reaches."""
 
 import dataclasses
+import functools
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy import ndimage
 
 from ..scene_files.scene_camera import SceneCamera
 from .light_rays import LitScene
@@ -47,11 +49,34 @@ class Frame:
         """Whether some pixel is lit and some is in shadow; without both, the error says nothing."""
         return bool(self.lit.any() and not self.lit.all())
 
+    @functools.cached_property
+    def true_edges(self) -> Bool[np.ndarray, "H W"]:
+        """Judged pixels with a judged neighbour, across or up, whose truth differs."""
+        return edges_of(self.judged, self.image(self.lit, False))
+
+    @functools.cached_property
+    def edge_distance(self) -> Float[np.ndarray, "H W"]:
+        """Pixels from each pixel's centre to the nearest true edge's; inf if there is none."""
+        if not self.true_edges.any():
+            return np.full(self.judged.shape, np.inf)
+        return np.asarray(ndimage.distance_transform_edt(~self.true_edges))
+
     def image(self, values: np.ndarray, fill: float | bool) -> np.ndarray:
         """(H, W): values of the judged pixels, and a fill elsewhere."""
         made = np.full(self.judged.shape, fill, np.asarray(values).dtype)
         made[self.judged] = values
         return made
+
+
+def edges_of(judged: Bool[np.ndarray, "H W"], lit: Bool[np.ndarray, "H W"]) -> Bool[np.ndarray, "H W"]:
+    """Pixels beside a shadow's edge in a mask: of both sides, among judged pixels."""
+    edge = np.zeros(judged.shape, bool)
+    for axis in (0, 1):
+        one, other = (tuple(slice(*ends) if k == axis else slice(None) for k in (0, 1)) for ends in ((1, None), (-1,)))
+        differs = judged[one] & judged[other] & (lit[one] != lit[other])
+        edge[one] |= differs
+        edge[other] |= differs
+    return edge
 
 
 def see(scene: LitScene, camera: SceneCamera, height: int, width: int) -> Frame:

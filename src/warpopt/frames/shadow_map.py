@@ -98,24 +98,25 @@ class ShadowMap:
 
     def texture(self, places: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, "P 2"]:
         """(t, s) of places (a, b), in [0, 1] inside the map."""
-        made = places @ self.plane[:, :2].T + self.plane[:, 2]
-        return made[:, :2] / made[:, 2:]
+        return _projected(self.plane, places)[0]
 
     def place(self, texture: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, "P 2"]:
         """Places (a, b) of (t, s)."""
-        made = texture @ self.back[:, :2].T + self.back[:, 2]
-        return made[:, :2] / made[:, 2:]
+        return _projected(self.back, texture)[0]
 
     def stretch(self, texture: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, "P 2 2"]:
         """d(a, b)/d(t, s), the last index for t and s: the texel's edges on the light plane, times the map's size."""
-        made = texture @ self.back[:, :2].T + self.back[:, 2]
-        w = made[:, 2, None, None]
-        return (self.back[None, :2, :2] - (made[:, :2] / made[:, 2:])[:, :, None] * self.back[2, :2]) / w
+        places, w = _projected(self.back, texture)
+        made = np.empty((len(texture), 2, 2))
+        for i, j in np.ndindex(2, 2):
+            made[:, i, j] = (self.back[i, j] - places[:, i] * self.back[2, j]) / w
+        return made
 
     def stored(self, places: Float[np.ndarray, "P 2"], heights: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
         """The map's depth z/w of points, in [-1, 1] for receivers."""
-        z = places @ self.depth_row[:2] + heights * self.depth_row[2] + self.depth_row[3]
-        return z / (places @ self.w_row[:2] + self.w_row[3])
+        a, b = places[:, 0], places[:, 1]
+        z = a * self.depth_row[0] + b * self.depth_row[1] + heights * self.depth_row[2] + self.depth_row[3]
+        return z / (a * self.w_row[0] + b * self.w_row[1] + self.w_row[3])
 
     @property
     def unit_depth(self) -> float:
@@ -187,21 +188,31 @@ class ShadowMap:
             target = places if reading.bias == "plane" else self.place(receiver_at)  # pyright: ignore[reportArgumentType]
             heights = heights + np.einsum("ij,ij->i", frame.slopes, target - at)
             at = target
-        rise = np.einsum("ij,ijk->ik", frame.slopes, self.stretch(texture)) / self.size
-        w = at @ self.w_row[:2] + self.w_row[3]
+        edges = self.stretch(texture) / self.size
+        rise = frame.slopes[:, :1] * edges[:, 0] + frame.slopes[:, 1:] * edges[:, 1]
         if reading.warped_depth:
             hit = np.isfinite(first)
             caster = np.where(hit, self.stored(places, np.where(hit, first, 0)), np.inf)
             receiver = self.stored(at, heights)
             # d(z/w) = (dz - (z/w) dw)/w along the receiver's plane, for one texel of each axis
-            edges = self.stretch(texture) / self.size
+            w = at[:, 0] * self.w_row[0] + at[:, 1] * self.w_row[1] + self.w_row[3]
             dz = np.einsum("k,ikj->ij", self.depth_row[:2], edges) + self.depth_row[2] * rise
             dw = np.einsum("k,ikj->ij", self.w_row[:2], edges)
             slope = np.abs((dz - receiver[:, None] * dw) / w[:, None]).max(1)
             bias = 2 * reading.texels if reading.bias == "constant" else reading.texels * slope
             return ~(caster < receiver - bias)
-        bias = reading.texels * (self.unit_depth if reading.bias == "constant" else np.abs(rise).max(1))
+        bias = reading.texels * (self.unit_depth if reading.bias == "constant" else np.maximum(*np.abs(rise).T))
         return ~(first < heights - bias - self.scene.tolerance(np.abs(frame.slopes).sum(1)))
+
+
+def _projected(matrix: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(points under a 3 x 3 homography, their w). Row by row: products of such thin matrices are slow in BLAS."""
+    x, y = points[:, 0], points[:, 1]
+    u, v, w = (row[0] * x + row[1] * y + row[2] for row in matrix)
+    made = np.empty((len(points), 2))
+    np.divide(u, w, out=made[:, 0])
+    np.divide(v, w, out=made[:, 1])
+    return made, w
 
 
 def screen_steps(shadow_map: ShadowMap, frame: Frame, texture: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, "P 2 2"]:
