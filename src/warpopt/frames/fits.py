@@ -107,7 +107,7 @@ class Fitting:
         if objective.supremum:
             return self._of(name, plain, optimal_warp(plain, objective, throw=False).warp)
         kind = name if name in ("edge", "band") else "depth"
-        weighted = self.view(kind) if kind != "depth" else self._uniform()
+        weighted = self.view(kind) if kind != "depth" else self.uniform()
         solution = optimal_warp(weighted, objective, throw=False)
         return self._of(name, self.view("depth"), solution.warp)
 
@@ -115,7 +115,8 @@ class Fitting:
         matrix = shadow_matrix(view, warp, casters=self.scene.corners_all)
         return Fitted(name, float(warp.eta), np.asarray(matrix, float), defined)
 
-    def _uniform(self) -> SceneView:
+    def uniform(self) -> SceneView:
+        """The depth buffer as it is, not reduced: for norms L_P."""
         if "uniform" not in self._views:
             height, width = self.frame.depth.shape
             self._views["uniform"] = SceneView(

@@ -11,6 +11,8 @@ from .shadow_map import Reading, ShadowMap, screen_steps
 
 GROUPS = 8
 """Groups of pixels whose grids are shifted independently; interleaved, so that each samples the whole frame."""
+BLUR_SHIFTS = 4
+"""Shifts of whole frames for filters that read neighbouring pixels."""
 FAR_PIXELS = 2.5
 """Beyond this distance from the true edge a wrong pixel is not the edge's roughness but another shadow."""
 
@@ -41,11 +43,14 @@ def shifts(frame: Frame, seed: int, groups: int = GROUPS) -> Float[np.ndarray, "
 
     What a frame loses depends on where texels happen to lie: one grid makes neighbouring warps differ by 10 %.
     """
-    random = np.random.default_rng(seed)
-    # One in each row and each column of a grid: the mean over few shifts is nearer the mean over all.
-    even = np.stack([(random.permutation(groups) + random.random(groups)) / groups for _ in range(2)], 1)
     rows, columns = np.nonzero(frame.judged)
-    return even[(columns + 3 * rows) % groups]
+    return _even_shifts(seed, groups)[(columns + 3 * rows) % groups]
+
+
+def _even_shifts(seed: int, count: int) -> np.ndarray:
+    """(count, 2) in [0, 1): one in each row and each column of a grid, so that few represent all."""
+    random = np.random.default_rng(seed)
+    return np.stack([(random.permutation(count) + random.random(count)) / count for _ in range(2)], 1)
 
 
 def judge(frame: Frame, shown: Float[np.ndarray, " P"]) -> Verdict:
@@ -83,8 +88,15 @@ def measured(
         seed: of the shifts.
         groups: see `shifts`.
     """
+    reading = reading or Reading()
+    if groups > 1 and reading.blurs:
+        # Interleaved groups would be blurred with each other: whole frames, one for each shift.
+        each = [np.broadcast_to(shift, frame.places.shape) for shift in _even_shifts(seed, BLUR_SHIFTS)]
+        made = [judge(frame, shadow_map.visibility(frame, reading, shift)) for shift in each]
+        names = ("wrong", "false", "missing", "filtered", "far")
+        return Verdict(*(float(np.mean([getattr(one, name) for one in made])) for name in names), made[0].shown)
     shift = shifts(frame, seed, groups) if groups > 1 else None
-    return judge(frame, shadow_map.visibility(frame, reading or Reading(), shift))
+    return judge(frame, shadow_map.visibility(frame, reading, shift))
 
 
 def texel_footprints(frame: Frame, shadow_map: ShadowMap) -> Float[np.ndarray, "P 2 2"]:

@@ -5,17 +5,18 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy import ndimage
 
 from .._words import one_of
 from .light_rays import LitScene
 from .seen import Frame
 
 Bias = Literal["slope", "constant", "plane", "second_depth", "back_faces"]
-Filter = Literal["nearest", "pcf2", "pcf3", "eye_blur"]
+Filter = Literal["nearest", "pcf2", "pcf3", "eye_blur", "eye_blur_depth"]
 BIASES: tuple[str, ...] = ("slope", "constant", "plane", "second_depth", "back_faces")
-FILTERS: tuple[str, ...] = ("nearest", "pcf2", "pcf3", "eye_blur")
+FILTERS: tuple[str, ...] = ("nearest", "pcf2", "pcf3", "eye_blur", "eye_blur_depth")
 _TAPS = {"nearest": 1, "pcf2": 2, "pcf3": 3}
-_BLUR_SIDE = 4  # taps along each axis of the blur on the screen
+_NEAREST = 0.02  # share of the pixels that are nearer than where the blur begins to narrow
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,8 +24,9 @@ class Reading:
     """How a map is read.
 
     Args:
-        filter: "nearest"; "pcf2" and "pcf3", the mean verdict of 2x2 (bilinear) and 3x3 texels; "eye_blur", the mean
-            over an area around the receiver whose size is given in pixels of the screen, at every depth (SC 4.3).
+        filter: "nearest"; "pcf2" and "pcf3", the mean verdict of 2x2 (bilinear) and 3x3 texels; "eye_blur",
+            the image of 2x2 verdicts, blurred on the screen (SC 4.3), and "eye_blur_depth", the same with a width that
+            falls as 1/z.
         bias: "slope", `amount` texels of the receiver's slope (the larger of both axes, as graphics interfaces have
             it); "constant", `amount` times the depth range of the map; "plane", the receiver's plane at the texel's
             centre and `amount` texels of slope; "second_depth", the middle between the first two surfaces;
@@ -32,7 +34,7 @@ class Reading:
         amount: None for the default: one texel for nearest, 1.5 for 2x2 and two for 3x3; a tenth for plane, second
             depth and back faces; 0.002 of the depth range for "constant".
         warped_depth: compare and bias the map's depth z/w, in which the warp divides by A, and not the distance.
-        blur_pixels: width of "eye_blur".
+        blur_pixels: width of a blur, two standard deviations; with depth, that of the nearest pixels.
 
     Raises:
         ValueError: an unknown word, or an amount that is not a number >= 0.
@@ -57,6 +59,11 @@ class Reading:
             raise ValueError(f"blur_pixels: got {self.blur_pixels}, expected a finite number > 0")
 
     @property
+    def blurs(self) -> bool:
+        """Whether pixels read their neighbours' verdicts."""
+        return self.filter.startswith("eye_blur")
+
+    @property
     def texels(self) -> float:
         """The bias: texels of slope, or the share of the map's depth range for "constant"."""
         if self.amount is not None:
@@ -65,7 +72,7 @@ class Reading:
             return 0.002
         if self.bias != "slope":
             return 0.1
-        return {"nearest": 1.0, "pcf2": 1.5, "pcf3": 2.0, "eye_blur": 1.0}[self.filter]
+        return {"nearest": 1.0, "pcf3": 2.0}.get(self.filter, 1.5)
 
 
 class ShadowMap:
@@ -134,8 +141,8 @@ class ShadowMap:
         """
         shift = np.zeros((len(frame.places), 2)) if shift is None else shift
         texture = self.texture(frame.places)
-        if reading.filter == "eye_blur":
-            return self._eye_blur(frame, texture, shift, reading)
+        if reading.blurs:
+            return self._blurred(frame, shift, reading)
         taps = _TAPS[reading.filter]
         position = texture * self.size + shift
         # The first texel read; with 2x2 taps the four whose centres surround the receiver.
@@ -151,21 +158,29 @@ class ShadowMap:
                 total += weight * read
         return total
 
-    def _eye_blur(self, frame: Frame, texture: np.ndarray, shift: np.ndarray, reading: Reading) -> np.ndarray:
-        """Taps on the screen's grid around each pixel: in the map their spacing shrinks with depth (SC 4.3)."""
-        steps = screen_steps(self, frame, texture)
-        offsets = ((np.arange(_BLUR_SIDE) + 0.5) / _BLUR_SIDE - 0.5) * reading.blur_pixels
-        total = np.zeros(len(texture))
-        for i in offsets:
-            for j in offsets:
-                there = texture + steps @ np.array([i, j])
-                texel = np.floor(there * self.size + shift)
-                total += self._verdicts(frame, texture, texel, shift, reading, there)
-        return total / _BLUR_SIDE**2
+    def _blurred(self, frame: Frame, shift: np.ndarray, reading: Reading) -> np.ndarray:
+        """SC 4.3: the grey image of 2x2 reads, blurred on the screen; with depth, near the viewer most."""
+        sharp = self.visibility(frame, dataclasses.replace(reading, filter="pcf2"), shift)
+        whole = frame.judged.astype(float)
+        image = frame.image(sharp, 0.0)
+        z = frame.depth[frame.judged]
+        widest = reading.blur_pixels / 2
+        sigma = np.full(len(z), widest)
+        if reading.filter == "eye_blur_depth":
+            sigma = widest * np.minimum(1, np.quantile(z, _NEAREST) / z)
+        # A few blurs, and between them the mean in proportion: each pixel has a width of its own.
+        levels = widest * np.array([0.0, 0.25, 0.5, 1.0])
+        stack = [sharp]
+        for level in levels[1:]:
+            smooth = ndimage.gaussian_filter(image, level), ndimage.gaussian_filter(whole, level)
+            stack.append((smooth[0] / np.where(frame.judged, smooth[1], 1))[frame.judged])
+        upper = np.clip(np.searchsorted(levels, sigma), 1, len(levels) - 1)
+        share = (sigma - levels[upper - 1]) / (levels[upper] - levels[upper - 1])
+        every, pixel = np.stack(stack), np.arange(len(z))
+        return np.clip((1 - share) * every[upper - 1, pixel] + share * every[upper, pixel], 0, 1)
 
     def _verdicts(
-        self, frame: Frame, texture: np.ndarray, texel: np.ndarray, shift: np.ndarray, reading: Reading,
-        receiver_at: np.ndarray | None = None,
+        self, frame: Frame, texture: np.ndarray, texel: np.ndarray, shift: np.ndarray, reading: Reading
     ) -> Bool[np.ndarray, " P"]:  # fmt: skip
         """Whether each receiver is lit by the texel with these whole coordinates in its shifted grid."""
         centre = (texel + 0.5 - shift) / self.size
@@ -181,13 +196,12 @@ class ShadowMap:
             first = self.scene.first_hits(traced)[0]
             if reading.bias == "second_depth":
                 second = self.scene.second_hits(traced)
-                first = np.where(np.isfinite(second), (first + second) / 2, first)
+                first = (first + second) / 2  # infinite below a single sheet, which then casts no shadow
         first = first[which]
         heights, at = frame.heights, frame.places
-        if reading.bias == "plane" or receiver_at is not None:
-            target = places if reading.bias == "plane" else self.place(receiver_at)  # pyright: ignore[reportArgumentType]
-            heights = heights + np.einsum("ij,ij->i", frame.slopes, target - at)
-            at = target
+        if reading.bias == "plane":
+            heights = heights + (frame.slopes * (places - at)).sum(1)
+            at = places
         edges = self.stretch(texture) / self.size
         rise = frame.slopes[:, :1] * edges[:, 0] + frame.slopes[:, 1:] * edges[:, 1]
         if reading.warped_depth:

@@ -35,14 +35,14 @@ class FramesSection(Section):
     """(width, height) in pixels."""
     shadow_map: Resolution = (1024, 1024)
     """Texels along (t, s)."""
-    filter: Literal["nearest", "pcf2", "pcf3", "eye_blur"] = "nearest"
+    filter: Literal["nearest", "pcf2", "pcf3", "eye_blur", "eye_blur_depth"] = "nearest"
     bias: Literal["slope", "constant", "plane", "second_depth", "back_faces"] = "slope"
     bias_amount: Annotated[float, Field(ge=0)] | None = None
     """Texels of slope, or share of the depth range for "constant"; by default what suits the filter."""
     warped_depth: bool = False
     """Bias the depth z/w of the map, not the distance along the light."""
     blur_pixels: Positive = 3.0
-    """Width of "eye_blur" on the screen."""
+    """Width of the blurs on the screen."""
     crops: Annotated[int, Field(ge=0, le=4)] = 1
     """Worst places that are enlarged beside each picture."""
     seed: Annotated[int, Field(ge=0)] = 0
