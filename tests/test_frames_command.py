@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from scene_cases import toml
 
 from warpopt.app import cli
@@ -115,10 +116,27 @@ def test_frames_without_an_error_are_counted_and_said():
     assert "Excluded, because their error is undefined: 1 with" in Path("out/report.md").read_text()
 
 
+def test_a_path_is_measured_for_every_method():
+    """A snapped sphere never flickers while walking; a warp fitted each frame flickers as much as it is wrong."""
+    path = "path = { kind = 'walk', count = 4, methods = ['none', 'held-p-inf', 'sphere'] }"
+    assert invoke(settings(warps=["none"], more=path), "--output.figures", "true") == 0
+    with Path("out/flicker.csv").open() as file:
+        rows = {row["method"]: row for row in csv.DictReader(file)}
+    assert list(rows) == ["none", "held-p-inf", "sphere"]
+    assert float(rows["sphere"]["flicker"]) == 0
+    assert float(rows["held-p-inf"]["flicker"]) == 0  # four frames in one fit
+    assert float(rows["none"]["flicker"]) > 0.2 * float(rows["none"]["static"])
+    assert all(row["frames"] == "4" for row in rows.values())
+    with Image.open("out/path_none.gif") as moving:
+        assert moving.n_frames > 1
+    assert "(path_none.gif)" in Path("out/report.md").read_text()
+
+
 @pytest.mark.parametrize(("text", "words"), [
     (settings(warps=["lispms"]), "frames.warps.0: got 'lispms', expected 'none', 'best', a rule"),
     (settings(warps=["p-0.5"]), "frames.warps.0"),
     (settings(more="fit = 'camera'"), "frames.fit"),
+    (settings(more="path = { kind = 'walk', methods = ['best'] }"), "a warp that does not need the truth"),
     (settings(more="[objective]\nmetrics = ['p']"), "objective: got one, expected objectives by name in frames.warps"),
     (toml("box = { lower = [0, 0, -9], upper = [1, 1, -8] }"), "receivers: got box without a shadow caster"),
     (settings().replace("corridor", "desert"), "receivers.made.scene"),

@@ -6,6 +6,8 @@ from .._words import shown
 from ..objective import METRICS, Objective
 from ..rules.registry import EVERY
 
+STABLE = ("sphere", "sphere-receivers")
+"""Engines' fits without a warp whose texels stay where they are."""
 DEFAULT = ("none", "lispsm", "tsm", "filament", "p-inf", "edge", "band", "best")
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from warpopt.frames.methods import method_title
 from warpopt.frames.names import title_of
 
 from ..common.words import markdown_pictures, markdown_table, phrase
@@ -49,8 +50,10 @@ def summary(config: FramesConfig, records: Records) -> list[list[str]]:
     return lines
 
 
-def frames_report(config: FramesConfig, scene: SceneInput, records: Records) -> str:
-    """The report as Markdown."""
+def frames_report(
+    config: FramesConfig, scene: SceneInput, records: Records, course: dict[str, Any] | None = None
+) -> str:
+    """The report as Markdown; `course` is what a path's methods measured."""
     frames = config.frames
     parts = ["# Frames with the shadows of each warp\n", _opening(config, records)]
     parts += [f"{note}\n" for note in scene.notes]
@@ -61,6 +64,8 @@ def frames_report(config: FramesConfig, scene: SceneInput, records: Records) -> 
         parts += ["## Wins and losses against no warp\n", *_wins(config, records, "none")]
     if "best" in frames.warps:
         parts += ["## Against the best eta\n", *_wins(config, records, "best")]
+    if course is not None:
+        parts += _flicker(config, course)
     pictures = [picture for record in records for picture in record["pictures"]]
     if pictures:
         parts.append("## Pictures\n")
@@ -70,6 +75,25 @@ def frames_report(config: FramesConfig, scene: SceneInput, records: Records) -> 
         )
         parts += markdown_pictures([(name.removesuffix(".png"), caption) for name, caption in pictures])
     return "\n".join(parts)
+
+
+def _flicker(config: FramesConfig, course: dict[str, Any]) -> list[str]:
+    path = config.frames.path
+    assert path is not None  # the course is its own
+    rows = [
+        [
+            method_title(row["method"]),
+            *(_percent(np.nan if row[key] is None else row[key]) for key in ("static", "flicker")),
+        ]
+        for row in course["rows"]
+    ]
+    return [
+        f"## Along a path: {path.kind}, {path.count} frames, {path.rate:g} a second\n",
+        "False flicker is the share of a frame's world points, seen in the next frame too and with unchanged truth, "
+        "whose verdict changes. A method that changes nothing does not flicker, and may be wrong all the time.\n",
+        markdown_table(["method", "wrong", "false flicker"], rows),
+        *markdown_pictures([(name.removesuffix(".gif"), caption) for name, caption in course["pictures"]], ".gif"),
+    ]
 
 
 def _opening(config: FramesConfig, records: Records) -> str:

@@ -16,7 +16,7 @@ from warpopt.frames.fits import SCAN, Fitted, Fitting
 from warpopt.frames.names import title_of
 
 from ..common.output import whole_folder
-from ..common.record import environment, progress_bar, timed, write_mark
+from ..common.record import environment, progress_bar, timed, write_csv, write_mark
 from ..inputs.scene_files import SceneInput
 from .parts import Parts
 from .report import frames_report, summary
@@ -26,6 +26,9 @@ COLUMNS = (
     "frame", "camera", "light", "theta_deg", "warp", "eta", "wrong", "false", "missing", "filtered", "far", "judged",
     "away", "grazing", "background", "excluded",
 )  # fmt: skip
+
+
+FLICKER = ("method", "static", "flicker", "frames", "compared")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,14 +52,20 @@ def run_frames(config: FramesConfig, scene: SceneInput, console: Console | None 
         for i, (camera, light) in enumerate(np.ndindex(len(scene.cameras), len(scene.lights)))
     ]  # fmt: skip
     parts, timings = Parts(config, scene), {}
-    with whole_folder(config.output.directory) as folder, progress_bar(console, len(places)) as progress:
+    steps = len(places) + (config.frames.path.count if config.frames.path else 0)
+    with whole_folder(config.output.directory) as folder, progress_bar(console, steps) as progress:
         with timed(timings, "frames_s"):
             records = _records(config, scene, places, parts, progress)
+        with timed(timings, "path_s"):
+            course = _course(config, scene, parts, len(places), progress) if config.frames.path else None
+        if course is not None:
+            parts.move(course["files"], folder)
+            write_csv(folder / "flicker.csv", FLICKER, ([row[key] for key in FLICKER] for row in course["rows"]))
         for record in records:
             parts.move(record["files"], folder)
         rows = [row for record in records for row in record["rows"]]
         _write_table(rows, folder / "frames.csv")
-        report = frames_report(config, scene, records)
+        report = frames_report(config, scene, records, course)
         (folder / "report.md").write_text(report, encoding="utf-8")
         write_mark(folder, environment(config, jax.numpy.zeros(0).dtype, timings, ("embreex",)))
     parts.delete()
@@ -80,6 +89,20 @@ def _records(
         records[place.number] = record
         progress(f"frame {place.number + 1} of {len(places)}")
     return [records[place.number] for place in places]
+
+
+def _course(config: FramesConfig, scene: SceneInput, parts: Parts, number: int, progress: Any) -> dict[str, Any]:
+    """The path's record, kept like a frame's."""
+    record = parts.read(number)
+    if record is None:
+        from .motion import measured_path
+
+        assert scene.triangles is not None
+        record = measured_path(
+            config, scene.triangles, scene.cameras[0], np.array(scene.lights[0]), parts.folder, progress
+        )
+        parts.write(number, record)
+    return record
 
 
 def _record(config: FramesConfig, scene: SceneInput, place: Place, lit: LitScene, parts: Parts) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import pydantic
 from pydantic import Field
 
 from warpopt.frames import NoRayCaster, Reading, ray_caster
-from warpopt.frames.names import DEFAULT, objective_of
+from warpopt.frames.names import DEFAULT, STABLE, objective_of
 
 from ..common.settings import ConfigError, Distinct, FileName, Positive, Section, listed
 from ..inputs.camera_settings import Resolution
@@ -19,6 +19,28 @@ def _known(name: str) -> str:
     except ValueError as error:
         raise ValueError(str(error).partition(", ")[2]) from None
     return name
+
+
+def _known_method(name: str) -> str:
+    warp = name.removeprefix("held-")
+    if warp == "best":
+        raise ValueError("expected a warp that does not need the truth")
+    return name if name in STABLE else ("held-" if warp != name else "") + _known(warp)
+
+
+class PathSection(Section):
+    """A path from the first camera under the first light."""
+
+    kind: Literal["walk", "turn", "look", "sun"]
+    """Walking forwards, turning by 45 degrees a second, walking and looking about, a sun that moves."""
+    count: Annotated[int, Field(ge=2, le=3600)] = 30
+    rate: Positive = 30.0
+    """Frames a second."""
+    methods: Annotated[
+        list[Annotated[str, pydantic.AfterValidator(_known_method)]],
+        pydantic.BeforeValidator(listed), Field(min_length=1), Distinct,
+    ] = Field(default=["none", "lispsm", "p-inf", "edge", "held-p-inf", "sphere", "sphere-receivers"])  # fmt: skip
+    """A warp fitted each frame; "held-" and a warp, fitted every 8 frames; "sphere" and "sphere-receivers", snapped."""
 
 
 class FramesSection(Section):
@@ -45,6 +67,8 @@ class FramesSection(Section):
     """Width of the blurs on the screen."""
     crops: Annotated[int, Field(ge=0, le=4)] = 1
     """Worst places that are enlarged beside each picture."""
+    path: PathSection | None = None
+    """Static error and false flicker along a path, besides the frames themselves."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Of the grids' shifts."""
 
