@@ -113,7 +113,7 @@ def predicted_wrong(frame: Frame, shadow_map: ShadowMap) -> float:
 
     A texel that is a parallelogram on the screen, with extents a and b across an edge, moves the edge by |u a + v b|, u
     and v uniform in [-1/2, 1/2]: in the mean max/4 + min^2/(12 max) of |a|, |b|. Its length is the total variation of
-    the truth, from differences over three pixels, on judged pixels away from silhouettes.
+    the truth, from differences over three pixels, with edges at silhouettes counted like the others.
     """
     lit = frame.image(frame.lit.astype(float), 0.0)
     whole = ndimage.minimum_filter(frame.judged.astype(np.uint8), 3).astype(bool)
@@ -128,4 +128,6 @@ def predicted_wrong(frame: Frame, shadow_map: ShadowMap) -> float:
     extents = np.abs(np.einsum("ij,ijk->ik", normal, feet))
     most, least = extents.max(1), extents.min(1)
     offset = most / 4 + least**2 / (12 * np.where(most > 0, most, 1))
-    return float((size[on] * offset).sum())
+    # Edges beside pixels that are not judged have no such difference: as many in proportion as there are elsewhere.
+    edges = frame.true_edges
+    return float((size[on] * offset).sum() * edges.sum() / max(1, (edges & whole).sum()))

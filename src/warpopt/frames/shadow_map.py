@@ -31,8 +31,9 @@ class Reading:
             it); "constant", `amount` times the depth range of the map; "plane", the receiver's plane at the texel's
             centre and `amount` texels of slope; "second_depth", the middle between the first two surfaces;
             "back_faces", the first surface that turns its back to the light. The last two use `amount` as "slope".
-        amount: None for the default: one texel for nearest, 1.5 for 2x2 and two for 3x3; a tenth for plane, second
-            depth and back faces; 0.002 of the depth range for "constant".
+        amount: None for the default: one texel for nearest, two for 2x2 and three for 3x3, twice the distance on each
+            axis of the farthest texel's centre that is read; a tenth for plane, second depth and back faces; 0.002 of
+            the depth range for "constant".
         warped_depth: compare and bias the map's depth z/w, in which the warp divides by A, and not the distance.
         blur_pixels: width of a blur, two standard deviations; with depth, that of the nearest pixels.
 
@@ -41,7 +42,7 @@ class Reading:
 
     Example:
         >>> Reading("pcf3").texels
-        2.0
+        3.0
     """
 
     filter: Filter = "nearest"
@@ -72,7 +73,7 @@ class Reading:
             return 0.002
         if self.bias != "slope":
             return 0.1
-        return {"nearest": 1.0, "pcf3": 2.0}.get(self.filter, 1.5)
+        return {"nearest": 1.0, "pcf3": 3.0}.get(self.filter, 2.0)
 
 
 class ShadowMap:
