@@ -1,7 +1,7 @@
 """What a warp is worth in pixels: wrong pixels of each warp over 120 frames, against the truth by ray casting.
 
     python experiments/pixels.py --directory runs/pixels            # measures; a killed run resumes
-    python experiments/pixels.py --directory runs/pixels --page docs/pixels.md --images docs/images
+    python experiments/pixels.py --directory runs/pixels --page docs/pixels.md --images docs/images --readme README.md
 
 A frame is 384 x 240 pixels; errors are means over 8 shifts of the map's grid. Nothing is tuned on these frames: rules
 and objectives have no parameter of ours. The measurements are in pixels.json, a row for each frame.
@@ -131,15 +131,17 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--directory", type=Path, default=Path("runs/pixels"))
     parser.add_argument("--count", type=int, default=3, help="frames of each scene in each class of theta")
+    parser.add_argument("--scenes", nargs="+", default=SCENES, choices=SCENES, help="some of the scenes only")
     parser.add_argument("--short", action="store_true", help="two small frames of two scenes")
     parser.add_argument("--page", type=Path, help="write the tables into this page")
     parser.add_argument("--images", type=Path, help="write the pictures into this folder")
+    parser.add_argument("--readme", type=Path, help="write the headline into this page")
     asked = parser.parse_args(arguments)
     asked.directory.mkdir(parents=True, exist_ok=True)
     kept = asked.directory / "pixels.json"
     records = json.loads(kept.read_text()) if kept.exists() else {}
     width, height = (96, 60) if asked.short else (WIDTH, HEIGHT)
-    for name in SCENES[-2:] if asked.short else SCENES:
+    for name in SCENES[-2:] if asked.short else asked.scenes:
         if name in records:
             continue
         start, mine = time.perf_counter(), []
@@ -159,6 +161,8 @@ def main(arguments: list[str] | None = None) -> int:
         pixels_page.write_between(asked.page, "pixels", tables)
     if asked.images:
         pixels_page.write_pictures(frames, asked.images)
+    if asked.readme:
+        pixels_page.write_between(asked.readme, "pixels", pixels_page.headline(frames))
     return 0
 
 

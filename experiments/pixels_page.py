@@ -163,8 +163,8 @@ def objectives(frames: Frames) -> str:
         "worst",
     ]
     note = (
-        f"Spearman's rank correlation of objective and error over {len(SCAN)} eta from 1 to {SCAN[-1]:g}, and the error "
-        "at the objective's optimum over that at the best eta. What chooses the best eta is not what judges it: two "
+        f"Spearman's rank correlation of objective and error over {len(SCAN)} eta from 1 to {SCAN[-1]:g}, and the "
+        "error at the objective's optimum over that at the best eta. What chooses the best eta is not what judges it: two "
         "sets of shifts; so a ratio may be below 1.\n"
     )
     return note + "\n" + table(heads, [row for _, row in sorted(rows, key=lambda row: row[0])])
@@ -249,6 +249,20 @@ def write_between(page: Path, mark: str, text: str) -> None:
         raise ValueError(f"{page}: got no mark {begin.strip()}, expected it and {end}")
     head, _, rest = whole.partition(begin)
     page.write_text(head + begin + text + rest[rest.index(end) :], encoding="utf-8")
+
+
+def headline(frames: Frames) -> str:
+    """README's sentences: what is won and what is lost, over all frames."""
+    lines = []
+    for name, other in (("edge", "none"), ("edge", "lispsm"), ("band", "none"), ("band", "lispsm")):
+        ratios = error(frames, name) / error(frames, other)
+        better, worse = 100 * (ratios < 1 - BAND).mean(), 100 * (ratios > 1 + BAND).mean()
+        lines.append([
+            f"{title_of(name)} against {title_of(other)}", geometric(ratios), f"{better:.0f} %", f"{worse:.0f} %",
+            f"{ratios.max():.2f}",
+        ])  # fmt: skip
+    heads = ["wrong pixels", "geometric mean of the ratio (95 %)", "better by 5 %", "worse by 5 %", "worst frame"]
+    return table(heads, lines)
 
 
 def median_frame(frames: Frames) -> tuple[str, int]:
