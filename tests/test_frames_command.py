@@ -149,6 +149,17 @@ def test_bad_settings_are_refused_in_a_sentence(text, words, capsys):
     assert not Path("out").exists()
 
 
+def test_a_scene_without_a_caster_or_a_sun_is_refused(capsys):
+    gltf = str(Path(__file__).parent / "cases/instancing.gltf")
+    camera = "position = [0, 2, 9]\nforward = [0, 0, -1]\nnear = 0.1\nfar = 50.0\nhalf_fov_deg = 20.0"
+    assert invoke(toml(f"gltf = {{ file = '{gltf}', include = 'nothing' }}", camera=camera)) == 2
+    assert "receivers.gltf.file: " in (told := capsys.readouterr().err)
+    assert "got no triangle" in told
+    night = "path = { kind = 'sun', latitude_deg = 80.0, day = 355, count = 2 }"
+    assert invoke(settings(light=night)) == 2
+    assert "light: got a sun that is below the horizon all the time" in capsys.readouterr().err
+
+
 def test_a_missing_ray_caster_is_told_with_the_command_that_installs_it(monkeypatch, capsys):
     real = importlib.import_module
 

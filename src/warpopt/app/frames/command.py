@@ -19,11 +19,12 @@ class Frames(Configured):
 
     def answer(self, overrides: list[str]) -> int:
         from ..inputs.scene_files import read_scene
-        from .settings import check_ray_caster
+        from .settings import check_casts, check_ray_caster
 
         config = self.read(overrides)
         check_ray_caster()
         scene = read_scene(config, self.config.parent, images=False)
+        check_casts(scene)
         prepare_jax()
         from .run import run_frames
 

@@ -10,6 +10,7 @@ from warpopt.frames.names import DEFAULT, STABLE, objective_of
 
 from ..common.settings import ConfigError, Distinct, FileName, Positive, Section, listed
 from ..inputs.camera_settings import Resolution
+from ..inputs.scene_files import SceneInput
 from ..inputs.scene_settings import SceneSettings
 
 
@@ -103,6 +104,18 @@ class FramesConfig(SceneSettings):
     def default_aspect(self) -> float:
         """The aspect for cameras without one."""
         return self.frames.screen[0] / self.frames.screen[1]
+
+
+def check_casts(scene: SceneInput) -> None:
+    """Refuse a scene in which nothing casts a shadow.
+
+    Raises:
+        ConfigError: no triangle, or no light.
+    """
+    if scene.triangles is None or not len(scene.triangles):
+        raise ConfigError("receivers: got no triangle, expected at least one shadow caster")
+    if not scene.lights:
+        raise ConfigError("light: got a sun that is below the horizon all the time, expected one that shines")
 
 
 def check_ray_caster() -> None:
