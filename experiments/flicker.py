@@ -31,7 +31,11 @@ LIGHT = np.array([0.5, -0.8, -0.35])
 METHODS = (
     "none", "lispsm", "p-inf", "edge", "band", "held-none", "held-p-inf", "held-edge", "sphere", "sphere-receivers",
 )  # fmt: skip
-SHOWN = ("none", "edge", "held-edge", "sphere")  # of the animation
+SHOWN = {
+    "none": "no warp, fitted each frame", "edge": "edge, fitted each frame", "held-edge": f"edge, every {HELD} frames",
+    "sphere": "sphere, snapped",
+}  # fmt: skip
+"""Of the animation, with their titles."""
 
 
 def record(kind: str, motion: str, count: int, size: tuple[int, int]) -> tuple[dict, dict]:
@@ -100,12 +104,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--directory", type=Path, default=Path("runs/flicker"))
     parser.add_argument("--count", type=int, default=17, help="frames of each path")
+    parser.add_argument("--scenes", nargs="+", choices=KINDS, help="some of the scenes only")
+    parser.add_argument("--motions", nargs="+", choices=MOTIONS, help="some of the motions only")
     parser.add_argument("--short", action="store_true", help="one short path")
     parser.add_argument("--page", type=Path, help="write the table into this page")
     parser.add_argument("--images", type=Path, help="write the animation into this folder")
     asked = parser.parse_args(arguments)
     asked.directory.mkdir(parents=True, exist_ok=True)
     kinds, motions = (("corridor",), ("walk",)) if asked.short else (KINDS, MOTIONS)
+    kinds, motions = asked.scenes or kinds, asked.motions or motions
     count, size = (3, (64, 40)) if asked.short else (asked.count, (WIDTH, HEIGHT))
     records, moving = {}, None
     for kind in kinds:
@@ -135,7 +142,7 @@ def animated(strips: dict, target: Path) -> None:
         images.append(Image.fromarray((np.hstack(parts).clip(0, 1) * 255).round().astype(np.uint8)))
     first = images[0].quantize(24)
     frames = [image.quantize(24, palette=first) for image in images]
-    head = header([method_title(name) for name in strips], images[0].width)
+    head = header([SHOWN[name] for name in strips], images[0].width)
     whole = [Image.fromarray(np.vstack([head, np.asarray(one.convert("RGB"))])).quantize(32) for one in frames]
     whole[0].save(target, save_all=True, append_images=whole[1:], duration=100, loop=0, optimize=True)
 

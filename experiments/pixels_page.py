@@ -164,8 +164,8 @@ def objectives(frames: Frames) -> str:
     ]
     note = (
         f"Spearman's rank correlation of objective and error over {len(SCAN)} eta from 1 to {SCAN[-1]:g}, and the "
-        "error at the objective's optimum over that at the best eta. What chooses the best eta is not what judges it: two "
-        "sets of shifts; so a ratio may be below 1.\n"
+        "error at the objective's optimum over that at the best eta. What chooses the best eta is not what judges it: "
+        "two sets of shifts; so a ratio may be below 1.\n"
     )
     return note + "\n" + table(heads, [row for _, row in sorted(rows, key=lambda row: row[0])])
 

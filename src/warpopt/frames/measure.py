@@ -93,8 +93,11 @@ def measured(
         # Interleaved groups would be blurred with each other: whole frames, one for each shift.
         each = [np.broadcast_to(shift, frame.places.shape) for shift in _even_shifts(seed, BLUR_SHIFTS)]
         made = [judge(frame, shadow_map.visibility(frame, reading, shift)) for shift in each]
-        names = ("wrong", "false", "missing", "filtered", "far")
-        return Verdict(*(float(np.mean([getattr(one, name) for one in made])) for name in names), made[0].shown)
+
+        def mean(name: str) -> float:
+            return float(np.mean([getattr(one, name) for one in made]))
+
+        return Verdict(mean("wrong"), mean("false"), mean("missing"), mean("filtered"), mean("far"), made[0].shown)
     shift = shifts(frame, seed, groups) if groups > 1 else None
     return judge(frame, shadow_map.visibility(frame, reading, shift))
 
