@@ -114,20 +114,22 @@ def main(arguments: list[str] | None = None) -> int:
     kinds, motions = (("corridor",), ("walk",)) if asked.short else (KINDS, MOTIONS)
     kinds, motions = asked.scenes or kinds, asked.motions or motions
     count, size = (3, (64, 40)) if asked.short else (asked.count, (WIDTH, HEIGHT))
-    records, moving = {}, None
+    kept = asked.directory / "flicker.json"
+    records = json.loads(kept.read_text()) if kept.exists() else {}
     for kind in kinds:
         for motion in motions:
+            if f"{kind} {motion}" in records:
+                continue
             records[f"{kind} {motion}"], strips = record(kind, motion, count, size)
             print(f"{kind} {motion}", flush=True)
-            if moving is None or (kind, motion) == ("corridor", "walk"):
-                moving = strips
-    (asked.directory / "flicker.json").write_text(json.dumps(records))
+            if (kind, motion) == ("corridor", "walk") and asked.images:
+                animated(strips, asked.images / "flicker.gif")
+            kept.with_suffix(".part").write_text(json.dumps(records))
+            kept.with_suffix(".part").replace(kept)
     text = page(records)
     (asked.directory / "flicker.md").write_text(text, encoding="utf-8")
     if asked.page:
         write_between(asked.page, "flicker", text)
-    if asked.images and moving:
-        animated(moving, asked.images / "flicker.gif")
     return 0
 
 
