@@ -5,6 +5,7 @@ import dataclasses
 import importlib
 import json
 import math
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -214,3 +215,48 @@ def test_every_mutation_has_its_place(script):
         assert (EXPERIMENTS.parent / "src" / "warpopt" / mutation.file).read_text("utf-8").count(mutation.old) == 1
         assert mutation.new != mutation.old
         assert all((EXPERIMENTS.parent / f"tests/test_{name}.py").exists() for name in mutation.tests.split())
+
+
+def test_pixels_are_measured_and_written_into_pages(tmp_path, main):
+    """Two small frames of each real model: every table is there, and a second call resumes."""
+    pytest.importorskip("embreex")
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- pixels -->\nold\n<!-- end pixels -->\nafter\n")
+    arguments = ["--short", "--directory", str(tmp_path), "--page", str(page), "--readme", str(page)]
+    main("pixels", "--short", "--directory", str(tmp_path), "--page", str(page))
+    records = json.loads((tmp_path / "pixels.json").read_text())
+    frames = [frame for each in records.values() for frame in each]
+    assert {frame["scene"] for frame in frames} == {"hand.glb", "controller.glb"}
+    for frame in frames:
+        assert frame["footprint"] < 1e-3  # the bar; it holds to rounding
+        assert frame["fine"] < frame["error"]["none"]["wrong"] + 1 / frame["judged"]
+        assert len(frame["scan"]) == len(frame["objective"]["edge"])
+        assert frame["readings"]["nearest, no bias"]["none"][0] > 0.1  # acne
+    text = page.read_text()
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")
+    assert "old" not in text
+    for heading in ("Goals", "Wins and losses", "Biases and filters"):
+        assert f"### {heading}" in text
+    before = (tmp_path / "pixels.json").stat().st_mtime_ns
+    main("pixels", *arguments)
+    assert (tmp_path / "pixels.json").stat().st_mtime_ns == before
+    assert "edge-weighted against no warp" in page.read_text()
+
+
+def test_flicker_is_measured(tmp_path, main):
+    """A snapped sphere does not flicker while walking, a fit each frame does."""
+    pytest.importorskip("embreex")
+    main("flicker", "--short", "--directory", str(tmp_path), "--images", str(tmp_path))
+    (told,) = json.loads((tmp_path / "flicker.json").read_text()).values()
+    assert told["sphere"]["flipped"] == 0
+    assert told["none"]["flipped"] + told["lispsm"]["flipped"] > 0
+    assert "snapped" in (tmp_path / "flicker.md").read_text()
+    assert (tmp_path / "flicker.gif").stat().st_size > 1000
+
+
+def test_figure_3_is_drawn(tmp_path, main, capsys):
+    pytest.importorskip("embreex")
+    main("figure3", "--short", "--image", str(tmp_path / "figure3.png"))
+    assert (tmp_path / "figure3.png").stat().st_size > 10_000
+    assert len(re.findall(r"% wrong", capsys.readouterr().out)) == 12

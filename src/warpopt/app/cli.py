@@ -18,6 +18,7 @@ from .common.jax_settings import CACHE_VARIABLE
 from .common.settings import ConfigError
 from .compare.command import Compare
 from .export.command import Export
+from .frames.command import Frames
 from .one_view.command import Limit, Rules, Solve
 from .scene.command import Scene
 from .sweep.command import Run
@@ -28,16 +29,16 @@ from .table.command import Table
 class Schema(Plain):
     """A configuration's JSON schema."""
 
-    of: Literal["run", "scene", "table", "compare"] = "run"
+    of: Literal["run", "scene", "frames", "table", "compare"] = "run"
     """The command that reads the configuration."""
 
     def run(self) -> int:
-        command = {"run": Run, "scene": Scene, "table": Table, "compare": Compare}[self.of]
+        command = {"run": Run, "scene": Scene, "frames": Frames, "table": Table, "compare": Compare}[self.of]
         print(json.dumps(pydantic.TypeAdapter(command.model()).json_schema(), indent=2))
         return 0
 
 
-Command = Run | Scene | Table | Compare | Export | Solve | Rules | Limit | Schema
+Command = Run | Scene | Frames | Table | Compare | Export | Solve | Rules | Limit | Schema
 
 
 def parsed(arguments: list[str] | None = None) -> tuple[Command, list[str]]:

@@ -9,9 +9,9 @@ def markdown_table(heads: list[str], rows: list[list[str]]) -> str:
     return "".join([lines[0], "|" + "---|" * len(heads) + "\n", *lines[1:]])
 
 
-def markdown_pictures(figures: Iterable[tuple[str, str]]) -> list[str]:
+def markdown_pictures(figures: Iterable[tuple[str, str]], ending: str = ".png") -> list[str]:
     """Each (file stem, caption) as a picture in Markdown."""
-    return [f"![{stem}]({stem}.png)\n\n*{caption}*\n" for stem, caption in figures]
+    return [f"![{stem}]({stem}{ending})\n\n*{caption}*\n" for stem, caption in figures]
 
 
 def phrase(items: Sequence[str]) -> str:

@@ -11,6 +11,7 @@ from ...scene_files.depth_files import read_mask, read_values
 from ...scene_files.depth_image import Encoding, decoded_image
 from ...scene_files.gltf import read_geometry, read_gltf_camera, read_light
 from ...scene_files.landscape import landscape
+from ...scene_files.made import MadeScene, made_scene
 from ...scene_files.rasterise import rasterise
 from ...scene_files.scene_camera import SceneCamera
 from ..common.settings import ConfigError
@@ -29,6 +30,7 @@ class SceneInput:
         lit: a mask (height, width) for each distinct camera, true where the light reaches; empty if none are given.
         encoding: see `warpopt.receivers.DepthBuffer`.
         casters: (N, 3) world points of shadow casters, if known beyond the receivers.
+        triangles: (N, 3, 3) the surfaces, of scenes made of triangles.
         steps, lights: see `light_path`.
         notes: sentences for the user: parts of the files that were left out, and why an image is empty.
     """
@@ -39,20 +41,26 @@ class SceneInput:
     lit: list[np.ndarray]
     encoding: Encoding
     casters: np.ndarray | None
+    triangles: np.ndarray | None
     steps: list[Step]
     lights: list[tuple[float, float, float]]
     notes: list[str]
 
 
-def read_scene(config: SceneSettings, folder: Path) -> SceneInput:
+def read_scene(config: SceneSettings, folder: Path, images: bool = True) -> SceneInput:
     """Read the files, relative to `folder`, and make the depth images.
+
+    Args:
+        config, folder: of the configuration.
+        images: whether to rasterise triangles.
 
     Raises:
         ConfigError: names the key, what was got and what was expected.
     """
     receivers, notes = config.receivers, []
     steps, lights = light_path(_light(config, folder), config.handedness)
-    depths, casters = [], None
+    depths, casters, triangles = [], None, None
+    from_seed = receivers.made and made_scene(receivers.made.scene, receivers.made.seed)
     if receivers.depth is not None:
         cameras, depths = _seen_in_files(config, receivers.depth, folder, notes)
         # Two frames from one camera are two scenes.
@@ -61,6 +69,8 @@ def read_scene(config: SceneSettings, folder: Path) -> SceneInput:
         cameras = [_camera(config, i, None) for i in range(len(config.camera))]
         if receivers.gltf is not None and not cameras:
             cameras = [_gltf_camera(config, folder / receivers.gltf.file)]
+        if from_seed and receivers.made and not cameras:
+            cameras = [from_seed.camera(i, config.default_aspect()) for i in range(receivers.made.views)]
         keys = [camera.key for camera in cameras]
     lit = _masks(config, folder)
     if lit:  # two masks are two scenes
@@ -69,12 +79,12 @@ def read_scene(config: SceneSettings, folder: Path) -> SceneInput:
     order = list(first)
     distinct = [cameras[i] for i in first.values()]
     depths, lit = ([images[i] for i in first.values()] if images else [] for images in (depths, lit))
-    made = receivers.gltf or receivers.landscape
+    made = receivers.gltf or receivers.landscape or receivers.made
     if made is not None:
-        triangles = _triangles(config, folder, notes)
+        triangles = _triangles(config, folder, from_seed, notes)
         casters = triangles.reshape(-1, 3)
         sizes = [(max(1, round(made.width / camera.aspect)), made.width) for camera in distinct]
-        depths = [rasterise(triangles, camera, *size) for camera, size in zip(distinct, sizes, strict=True)]
+        depths = [rasterise(triangles, camera, *size) for camera, size in zip(distinct, sizes, strict=True) if images]
     elif receivers.box is not None:
         lower, upper = receivers.box.lower, receivers.box.upper
         casters = np.stack(np.meshgrid(*zip(lower, upper, strict=True)), -1).reshape(-1, 3)
@@ -83,7 +93,7 @@ def read_scene(config: SceneSettings, folder: Path) -> SceneInput:
             raise ConfigError(f"weights.lit: got {_size(mask)} pixels for camera.{i}, expected its {_size(depth)}")
     encoding = "linear" if receivers.depth is None else receivers.depth.encoding
     places = [order.index(key) for key in keys]
-    return SceneInput(distinct, places, depths, lit, encoding, casters, steps, lights, notes)
+    return SceneInput(distinct, places, depths, lit, encoding, casters, triangles, steps, lights, notes)
 
 
 def _size(image: np.ndarray) -> str:
@@ -123,7 +133,9 @@ def _camera(config: SceneSettings, i: int, size: tuple[int, int] | None) -> Scen
         return config.camera[i].scene_camera(config.handedness, config.default_aspect(), size)
 
 
-def _triangles(config: SceneSettings, folder: Path, notes: list[str]) -> np.ndarray:
+def _triangles(config: SceneSettings, folder: Path, from_seed: MadeScene | None, notes: list[str]) -> np.ndarray:
+    if from_seed is not None:
+        return from_seed.triangles
     made = config.receivers.landscape
     if made is not None:
         return landscape(made.seed, made.size, made.relief, made.cells)

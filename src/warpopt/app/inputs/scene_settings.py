@@ -15,7 +15,7 @@ from ...scene_files.scene_camera import orientation
 from ..common.settings import Distinct, FileName, Norm, Positive, Section, listed, read_data, validated
 from .camera_settings import CameraConfig, Direction, Four, Resolution, Triple, Vector, exactly_one
 
-_PIXELS = "a depth image, glTF or a landscape"
+_PIXELS = "a depth image, glTF, a landscape or a made scene"
 Index = Annotated[int, Field(ge=0)]
 
 
@@ -173,6 +173,16 @@ class LandscapeReceivers(_Rasterised):
     """Quads along a side."""
 
 
+class MadeReceivers(_Rasterised):
+    """The visible surfaces of a scene from a seed, in metres, y up; without [camera], cameras from the seed too."""
+
+    scene: Literal["hills", "city", "forest", "corridor"]
+    """Hills with trees, a city of boxes, a forest, a corridor with columns."""
+    seed: Annotated[int, Field(ge=0)] = 1
+    views: Annotated[int, Field(ge=1, le=64)] = 1
+    """Cameras without [camera], at places where a walker could stand."""
+
+
 class ReceiverConfig(Section):
     """The receivers; exactly one kind."""
 
@@ -182,6 +192,7 @@ class ReceiverConfig(Section):
     depth: DepthReceivers | None = None
     gltf: GltfReceivers | None = None
     landscape: LandscapeReceivers | None = None
+    made: MadeReceivers | None = None
 
     @pydantic.model_validator(mode="after")
     def _one(self) -> "ReceiverConfig":
@@ -191,7 +202,7 @@ class ReceiverConfig(Section):
     @property
     def pixels(self) -> bool:
         """Whether they are the pixels of a depth image."""
-        return bool(self.depth or self.gltf or self.landscape)
+        return bool(self.depth or self.gltf or self.landscape or self.made)
 
     @property
     def kind(self) -> str:
@@ -274,8 +285,13 @@ class SceneSettings(Section):
     @pydantic.model_validator(mode="after")
     def _fits(self) -> "SceneSettings":
         gltf, depth = self.receivers.gltf, self.receivers.depth
-        if not self.camera and gltf is None:
+        made = self.receivers.made
+        if not self.camera and gltf is None and made is None:
             raise ValueError("camera: missing (only a glTF file may contain one)")
+        if self.camera and made is not None and "views" in made.model_fields_set:
+            raise ValueError("receivers.made.views: got it with [camera], expected one or the other")
+        if made is not None and self.handedness == "left":
+            raise ValueError("handedness: got 'left', expected 'right' with made scenes, whose axes are right-handed")
         own = sorted({"camera", "far"} & gltf.model_fields_set) if gltf is not None and self.camera else []
         if own:
             raise ValueError(f"receivers.gltf.{own[0]}: got one with [camera], expected one or the other")

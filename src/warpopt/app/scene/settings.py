@@ -32,7 +32,7 @@ class SceneConfig(SceneSettings):
         if not isinstance(data, dict) or not all(isinstance(data.get(k, {}), dict) for k in _TABLES):
             return data
         receivers, objective, weights = (dict(data.get(key, {})) for key in _TABLES)
-        if "metrics" in objective or not {"depth", "gltf", "landscape"} & set(receivers):
+        if "metrics" in objective or not {"depth", "gltf", "landscape", "made"} & set(receivers):
             return data
         edges = "lit" in weights and weights.get("by", "edges") == "edges"
         if edges:

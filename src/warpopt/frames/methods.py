@@ -1,0 +1,65 @@
+"""Ways of fitting a map along a path: a warp refitted each frame, one held for some frames, and snapped spheres."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from .fits import Fitting
+from .light_rays import LitScene
+from .names import STABLE, objective_of, title_of
+from .paths import Method, sphere_matrix, stepped_far, widened
+from .seen import Frame, see
+
+HELD = 8  # frames between two fits of "held-NAME"
+_WIDER = 1.25  # of its window: what comes into view in eight frames of a walk or a turn
+
+
+def method_title(name: str) -> str:
+    """A method's name in reports.
+
+    Example:
+        >>> method_title("held-p-inf")
+        'E_p, norm inf, fitted every 8 frames'
+    """
+    if name == "sphere":
+        return "sphere to the far plane, snapped"
+    if name == "sphere-receivers":
+        return "sphere to the farthest receiver, snapped"
+    if name.startswith("held-"):
+        return f"{title_of(name.removeprefix('held-'))}, fitted every {HELD} frames"
+    return f"{title_of(name)}, fitted each frame"
+
+
+def method_of(name: str, texels: int) -> Method:
+    """A method by name: "sphere", "sphere-receivers", the name of a warp, or "held-" and the name of a warp.
+
+    Args:
+        texels: along each side of the map.
+
+    Raises:
+        ValueError: an unknown name, or "best", which no engine could search.
+    """
+    if name in STABLE:
+
+        def sphere(number: int, scene: LitScene, frame: Frame) -> Float[np.ndarray, "4 4"]:
+            far = frame.camera.far if name == "sphere" else stepped_far(frame)
+            return sphere_matrix(scene, frame.camera, min(far, 2 * scene.size + 1), texels)
+
+        return sphere
+    warp = name.removeprefix("held-")
+    objective_of(warp)
+    if warp == "best":
+        raise ValueError("method: got 'best', expected a warp that does not need the truth")
+    held: dict[str, Any] = {}
+
+    def fitted(number: int, scene: LitScene, frame: Frame) -> Float[np.ndarray, "4 4"]:
+        if warp == name:
+            return Fitting(scene, frame, (texels, texels)).fitted(warp).matrix
+        if number % HELD == 0 or held.get("scene") is not scene:  # a light that moved has other rays
+            held["scene"] = scene
+            wide = see(scene, widened(frame.camera, _WIDER), *frame.judged.shape)
+            held["matrix"] = Fitting(scene, wide, (texels, texels)).fitted(warp).matrix
+        return held["matrix"]
+
+    return fitted

@@ -1,0 +1,49 @@
+"""The names of warps: "none", a rule, "edge", "band", METRIC-NORM such as "p-inf", and "best". Does not import JAX."""
+
+import difflib
+
+from .._words import shown
+from ..objective import METRICS, Objective
+from ..rules.registry import EVERY
+
+STABLE = ("sphere", "sphere-receivers")
+"""Engines' fits without a warp whose texels stay where they are."""
+DEFAULT = ("none", "lispsm", "tsm", "filament", "p-inf", "edge", "band", "best")
+
+
+def objective_of(name: str) -> Objective | None:
+    """The objective that a name asks to minimise; None for "none", a rule and "best".
+
+    Raises:
+        ValueError: an unknown name.
+
+    Example:
+        >>> objective_of("pxq-l2").title, objective_of("lispsm")
+        ('E_pxq, norm l2', None)
+    """
+    if name in ("none", "best") or (name in EVERY and name != "ssm"):
+        return None
+    metric, _, norm = name.partition("-") if isinstance(name, str) else ("", "", "")
+    if metric in METRICS and (norm or metric in ("edge", "band")):
+        return Objective(metric, norm or None)
+    known = [*DEFAULT, *(rule for rule in EVERY if rule not in (*DEFAULT, "ssm"))]
+    near = difflib.get_close_matches(str(name), known, 1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    raise ValueError(
+        f"got {shown(name)}, expected 'none', 'best', a rule ({', '.join(r for r in EVERY if r != 'ssm')}), 'edge', "
+        f"'band' or a metric and a norm such as 'p-inf'{hint}"
+    )
+
+
+def title_of(name: str) -> str:
+    """A warp's name for figures and reports.
+
+    Example:
+        >>> title_of("p-inf"), title_of("lispsm")
+        ('E_p, norm inf', 'LiSPSM')
+    """
+    if name in EVERY:
+        return EVERY[name].title
+    plain = {"none": "no warp", "best": "best eta of a scan", "edge": "edge-weighted", "band": "band"}
+    objective = None if name in plain else objective_of(name)
+    return plain[name] if objective is None else objective.title
