@@ -109,7 +109,7 @@ def goals(frames: Frames) -> str:
         )  # fmt: skip
     note = (
         f"A ratio of a handful of wrong pixels says little. The last column is over the {len(many)} frames with at "
-        f"least {COUNT} wrong pixels at the best eta, whose noise is at most a fifth. All other tables have all frames.\n"
+        f"least {COUNT} wrong pixels at the best eta, whose noise is at most a fifth. Other tables have all frames.\n"
     )
     return note + "\n" + table(["goal", "bar", "all frames", f"{COUNT} wrong pixels and more"], rows)
 
