@@ -31,7 +31,7 @@ class Mutation(NamedTuple):
 
 
 MUTATIONS = (
-    Mutation("theory/light_frame.py", "(dy * height) ** 2) / t", "(dy * height) ** 2) / s", "shadow_matrix",
+    Mutation("theory/light_frame.py", "= across / t, along / s", "= across / s, along / s", "shadow_matrix",
              "pixels_and_texels"),
     Mutation("theory/light_frame.py", "return columns / (right - left), rows / (top - bottom), t, s",
              "return rows / (right - left), columns / (top - bottom), t, s", "shadow_matrix", "pixels_and_texels"),
@@ -67,8 +67,8 @@ MUTATIONS = (
              "receivers", "flat"),
     Mutation("receivers/moments.py", "[math.comb(M, j) * value for j, value in enumerate(sums)]",
              "[value for j, value in enumerate(sums)]", "scene_warp", "brute_force"),
-    Mutation("receivers/points.py", "seen = (weights > 0) & seen_from(camera, points)", "seen = weights > 0",
-             "receivers", "does_not_see"),
+    Mutation("receivers/points.py", "return points, seen_from(camera, points)",
+             "return points, jnp.ones(len(points), bool)", "receivers", "does_not_see"),
     Mutation("receivers/points.py", "slack = 64 * jnp", "slack = 0 * jnp", "receivers", "boundary"),
     Mutation("receivers/bins.py", "_FINEST = 1e-4", "_FINEST = 1e-1", "receivers", "bins_are"),
     Mutation("receivers/bins.py", "for side in (largest - axis, axis - least)",
@@ -91,12 +91,12 @@ MUTATIONS = (
              "l2"),
     Mutation("solve/sign_change.py", "mostly_b = b >= geometric", "mostly_b = b >= 0", "closed_form", "quadratics"),
     Mutation("solve/sign_change.py", "falling = c1 <= 0", "falling = c1 <= 1e300", "closed_form"),
-    Mutation("solve/footprint_optimum.py", "Outcome.kink, Outcome.tie), Outcome.stationary)",
+    Mutation("solve/pieces.py", "Outcome.kink, Outcome.tie), Outcome.stationary)",
              "Outcome.tie, Outcome.tie), Outcome.stationary)",
              "scene_warp", "yz_plane"),
-    Mutation("solve/footprint_optimum.py", "met = met & (slopes[0] <= 0) & (slopes[1] >= 0)",
+    Mutation("solve/pieces.py", "met = met & (slopes[0] <= 0) & (slopes[1] >= 0)",
              "met = met & (slopes[0] <= 0)", "scene_warp receivers", "brute_force or yz or excess"),
-    Mutation("solve/footprint_optimum.py", "curvature > eps**0.5)", "curvature > 1e300)", "scene_warp", "brute or yz"),
+    Mutation("solve/pieces.py", "curvature > eps**0.5)", "curvature > 1e300)", "scene_warp", "brute or yz"),
     Mutation("solve/scene.py", "value / jnp.where(least > 0, least, 1) - 1", "0 * value", "receivers depth_buffer",
              "excess or cells or pixels"),
     Mutation("bound/frustum.py", "return (space.b + space.a_minus) * L", "return (space.b - space.a_minus) * L",
@@ -144,9 +144,8 @@ MUTATIONS = (
              "0.5 * self.across * jnp.abs(widening) * rise", "means", "bends_down"),
     Mutation("solve/means/sample_norm.py", "(corners.near, corners.outer, v - uv)",
              "(corners.near, corners.outer, u - uv)", "means", "cells"),
-    Mutation("solve/means/sample_norm.py", "loss = covariance / (", "loss = 0 * covariance / (", "means", "centroid"),
-    Mutation("solve/means/sample_norm.py", "return self.order * jnp.where(samples.weight > 0, loss",
-             "return jnp.where(samples.weight > 0, loss", "means", "centroid"),
+    Mutation("solve/means/sample_norm.py", "loss = share * spread", "loss = 0 * share * spread", "means", "centroid"),
+    Mutation("solve/means/sample_norm.py", "0.25 * self.order**2 *", "0.05 * self.order**2 *", "means", "centroid"),
     Mutation("solve/means/weak_convexity.py", "TOLERANCE = 1e-6", "TOLERANCE = 1e-4", "means", "brute"),
     Mutation("solve/means/weak_convexity.py", "jnp.minimum(at(meeting), ", "(", "means", "bound or minima"),
     Mutation("solve/means/weak_convexity.py", "left.slope - left.bend * width", "left.slope", "means", "between_nodes"),
@@ -156,7 +155,7 @@ MUTATIONS = (
              "brute or differences"),
     Mutation("solve/means/sample_optimum.py", "most = norm.corner_mean(eta)", "most = norm.touch(eta).value", "means",
              "centroid"),
-    Mutation("solve/means/sample_optimum.py", "found.bounds * jnp.where(loss < 1, 1 - loss, 0)", "found.bounds",
+    Mutation("solve/means/sample_optimum.py", "return bounds * jnp.where(loss < 1, 1 - loss, 0)", "return bounds",
              "means", "centroid"),
     Mutation("solve/means/sample_optimum.py", "** (1 / norm.order) * jnp.exp", "* jnp.exp", "means", "brute"),
     Mutation("receivers/depth_histogram.py", "_DEGREE_WITH_KINKS = 22", "_DEGREE_WITH_KINKS = 4", "means", "histogram"),
@@ -190,7 +189,7 @@ EQUIVALENT = {
     ("receivers/polytope.py", "tolerance = 0 * eps * reach"): (
         "a corner ends several edges, and rounding spares one of them in every pose tried (squares, lines, points)"
     ),
-    ("solve/footprint_optimum.py", "met = met & (slopes[0] <= 0)"): (
+    ("solve/pieces.py", "met = met & (slopes[0] <= 0)"): (
         "the root finder ends where the slope turns positive, so that the piece above rises"
     ),
 }

@@ -85,6 +85,15 @@ def test_scene_receivers_are_measured(tmp_path, main):
         assert -1e-9 < row["histogram"] < row["no warp"]
 
 
+def test_means_over_a_buffer_are_timed(tmp_path, main):
+    main("runtime_of_means", "--height", "90", "--repetitions", "1", "--directory", str(tmp_path))
+    with (tmp_path / "runtime_of_means.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {row["weights"] for row in rows} == {"uniform", "edges"}
+    assert all(0 < float(row["excess"]) <= 1e-3 for row in rows if "norm l1" in row["objective"])
+    assert all(float(row["over_p_l2"]) == 1 for row in rows if row["objective"] == "E_p, norm l2")
+
+
 def test_sizes_of_tables_are_measured(tmp_path, main):
     page = tmp_path / "page.md"
     page.write_text("<!-- table sizes -->\n<!-- end table sizes -->\n")

@@ -200,7 +200,7 @@ def test_the_bound_of_a_node_is_not_the_best_value_alone():
     """With one step less than it needs the search must say so: the bound is computed, not assumed."""
     points, weights, lights = (v[7] for v in sets())
     norm = norm_of(view_of(points, weights, lights), Objective("edge"))
-    exact, loose = (least(norm.touch, jnp.asarray(1e-4), tolerance) for tolerance in (1e-6, 0.5))
+    exact, loose = (least(norm.touch, jnp.asarray(1e-4), tolerance=tolerance) for tolerance in (1e-6, 0.5))
     assert loose.bounds.min() < exact.bounds.min() < exact.value
     assert exact.value / exact.bounds.min() - 1 <= 1e-6 < loose.value / loose.bounds.min() - 1
 
@@ -214,7 +214,7 @@ def test_bounds_between_nodes_hold_and_meet():
     grid = np.linspace(1e-3, 1, 20_001)
     values = np.asarray(touch(grid).value)
     for tolerance in (1e-6, 1e-2, 0.9):
-        found = least(touch, jnp.asarray(1e-3), tolerance)
+        found = least(touch, jnp.asarray(1e-3), tolerance=tolerance)
         starts = np.asarray(found.starts)[np.isfinite(found.bounds)]
         bounds = np.asarray(found.bounds)[: len(starts)]
         which = np.searchsorted(starts, grid, side="right") - 1
@@ -333,7 +333,8 @@ def test_a_centroid_is_its_cells_receivers_within_the_excess(objective):
         two, centroid = few.touch(eta).value, many.touch(eta).value
         assert (two < centroid) == (spread > 0)
         assert centroid * (1 - many.covariance_loss(eta)) <= two <= many.corner_mean(eta) * (1 + 1e-9)
-        excess = excess_of_cells(many, many, jnp.log(eta), jnp.asarray(5e-3))
+        floor = jnp.asarray(5e-3)
+        excess = excess_of_cells(many, many, least(many.touch, floor), jnp.log(eta), floor)
         assert abs(jnp.log(two / centroid)) / objective.order <= jnp.log1p(excess)
 
 

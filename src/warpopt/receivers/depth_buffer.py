@@ -20,7 +20,7 @@ from .footprint import Footprint
 from .profiles.binned import BinnedProfile, PointSet
 from .receivers import Receivers
 from .weighted.cells import with_samples
-from .weighted.weights import Weights
+from .weighted.weights import Weighting, Weights
 
 Encoding = Literal["linear", "standard", "reversed"]
 # Binning one value costs about as much as all other work for ten, so large buffers are first reduced to this many
@@ -67,7 +67,7 @@ class DepthBuffer(Receivers):
         self,
         depth: Numbers,
         encoding: Encoding = "linear",
-        weights: Numbers | str | None = None,
+        weights: Weighting | None = None,
         lit: Numbers | None = None,
     ):
         one_of("encoding", encoding, get_args(Encoding))

@@ -15,7 +15,7 @@ from .profiles.hulls import BodyProfile, slab
 from .profiles.slices import Solid
 from .receivers import Receivers
 from .weighted.cells import with_samples
-from .weighted.weights import Weights
+from .weighted.weights import Weighting, Weights
 from .whole_frustum import window_nodes
 
 _DEGREE_WITH_KINKS = 22  # 12 by 12 nodes on the screen, 19 in each bin
@@ -51,7 +51,7 @@ class DepthHistogram(Receivers):
     counts: Float[Array, " K"]
     weights: Weights
 
-    def __init__(self, edges: Numbers, counts: Numbers, weights: Numbers | str | None = None):
+    def __init__(self, edges: Numbers, counts: Numbers, weights: Weighting | None = None):
         edges, counts = float_arrays(edges=edges, counts=counts)
         if edges.ndim != 1 or counts.shape != (len(edges) - 1,) or not len(counts):
             raise ValueError(f"counts: got shape {counts.shape} with edges {edges.shape}, expected one count for a bin")

@@ -17,7 +17,7 @@ from .footprint import Footprint
 from .profiles.binned import BinnedProfile, PointSet
 from .receivers import Receivers
 from .weighted.cells import EXACT, with_samples
-from .weighted.weights import Weights
+from .weighted.weights import Weighting, Weights
 
 
 class PointReceivers(Receivers):
@@ -48,7 +48,7 @@ class PointReceivers(Receivers):
     points: Float[Array, "N 3"]
     weights: Weights
 
-    def __init__(self, points: Numbers, weights: Numbers | str | None = None, lit: Numbers | None = None):
+    def __init__(self, points: Numbers, weights: Weighting | None = None, lit: Numbers | None = None):
         (points,) = float_arrays(points=points)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError(f"points: got shape {points.shape}, expected (N, 3)")

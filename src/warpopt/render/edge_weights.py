@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 from .._checks import Numbers, checked, float_arrays, instance
 from ..receivers.depth_buffer import DepthBuffer, eye_points
 from ..receivers.weighted.weights import mask_of
-from ..scene_files.mask_files import read_mask
+from ..scene_files.depth_files import read_mask
 from ..theory.camera import Camera
 from .shadow_matrix import ClipSpace
 
@@ -40,6 +40,13 @@ class RenderedMap(eqx.Module):
 
     Raises:
         ValueError: other shapes, NaN, depths outside [0, 1].
+
+    Example:
+        >>> import warpopt
+        >>> empty = RenderedMap(jnp.ones((64, 64)), jnp.eye(4))   # nothing was drawn: the light reaches everything
+        >>> camera = warpopt.Camera((0, 0, 0.5), (0, 0, -1), (0, 1, 0), near=0.1, far=10.0, half_fov=0.4)
+        >>> float(edge_weights(empty, DepthBuffer(jnp.full((4, 4), 1.0)), camera).share)
+        0.0
     """
 
     depth: Float[Array, "R C"]

@@ -1,4 +1,4 @@
-"""Depth images from files: `.npy`, `.npz`, OpenEXR, PFM and PNG."""
+"""Depth images and masks from files: `.npy`, `.npz`, OpenEXR, PFM and PNG."""
 
 import contextlib
 import os
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .depth_image import DepthImage, Encoding, decoded_image
 from .exr_files import MAGIC as _EXR
@@ -63,6 +64,28 @@ def read_depth_image(
         )  # fmt: skip
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+def read_mask(path: Path) -> NDArray[np.bool_]:
+    """(H, W), true where the value is above half of the file's largest possible one; row 0 is the top.
+
+    Args:
+        path: `.npy`, `.npz` or `.png`, one channel: booleans, integers of the whole range, or numbers in [0, 1].
+
+    Raises:
+        ValueError: one sentence that names the file, what was got and what was expected.
+        OSError: a file that cannot be read.
+    """
+    values, _ = read_values(path)
+    if values.dtype == np.bool_:
+        return values
+    if values.dtype.kind in "iu":
+        # Integers that are 0 and 1 alone are a mask already; others fill the range of their type.
+        most = 1 if values.max() <= 1 else np.iinfo(values.dtype).max
+        return values > most / 2
+    if not ((values >= 0) & (values <= 1)).all():
+        raise ValueError(f"{path}: got {values[~((values >= 0) & (values <= 1))].flat[0]}, expected numbers in [0, 1]")
+    return values > 0.5
 
 
 def read_values(

@@ -87,11 +87,11 @@ def _of_extents(log_norm: LogNorm, grouped: bool, min_eta: Array) -> tuple[Optim
 
 def _of_samples(norm: SampleNorm, min_eta: Array) -> tuple[Optimum, Array, Array, Array]:
     """(the optimum, the norm, its excess over the individual receivers', the gap to its lower bound over all eta)."""
-    optimum, lower = minimise_mean(norm, min_eta)
+    optimum, lower, search = minimise_mean(norm, min_eta)
     value = value_at(norm, optimum.log_eta)
     best_case = eqx.tree_at(lambda n: n.footprint, norm, norm.footprint.at_best())
     exact = norm.samples.corners is None and not norm.footprint.grouped
-    excess = jnp.zeros_like(value) if exact else excess_of_cells(norm, best_case, optimum.log_eta, min_eta)
+    excess = jnp.zeros_like(value) if exact else excess_of_cells(norm, best_case, search, optimum.log_eta, min_eta)
     return optimum, value, excess, _over(value, lower)
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from .._numerics import larger
 
 
-def longest_edge(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float[Array, "..."]) -> Array:
+def longest_edge(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float[Array, "..."]) -> Float[Array, "..."]:
     """max(E_p sqrt(1 + sigma^2), E_q): the longer of a texel's two edges.
 
     Example:
@@ -24,13 +24,18 @@ def longest_edge(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Floa
     return larger(e_p * jnp.sqrt(1 + sigma * sigma), e_q)
 
 
-def larger_error(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float[Array, "..."]) -> Array:
-    """max(E_p, E_q), without the shear."""
+def larger_error(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float[Array, "..."]) -> Float[Array, "..."]:
+    """max(E_p, E_q), without the shear.
+
+    Example:
+        >>> float(larger_error(*map(jnp.asarray, (4.0, 0.75, 3.0))))
+        4.0
+    """
     del sigma
     return larger(e_p, e_q)
 
 
-def edge_offset(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float[Array, "..."]) -> Array:
+def edge_offset(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float[Array, "..."]) -> Float[Array, "..."]:
     """The expected offset of a shadow edge of unknown direction: how far nearest lookup moves it, in pixels.
 
     The true edge passes anywhere through the texel, whose centre decides: the offset across an edge with unit normal n

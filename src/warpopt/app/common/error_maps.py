@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
@@ -137,7 +138,7 @@ def errors(mapping: Mapping, seen: Seen, metric: str, warped: bool) -> np.ndarra
     e_p, e_q = theory.errors(blend, eta, density_p * mapping.mu / z, density_q * width / z)
     x = z * (seen.slopes @ mapping.x_axis) - mapping.axis
     sigma = np.abs(x) * (1 - eta) * mapping.pixel_ratio / (mapping.mu * blend)
-    return np.where(there, theory.aggregate(metric, e_p, e_q, sigma), np.nan)
+    return np.where(there, theory.aggregate(metric, e_p, e_q, jnp.asarray(sigma)), np.nan)
 
 
 def shading(seen: Seen, light: np.ndarray) -> np.ndarray:

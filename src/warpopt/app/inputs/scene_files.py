@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ...scene_files.depth_files import read_values
+from ...scene_files.depth_files import read_mask, read_values
 from ...scene_files.depth_image import Encoding, decoded_image
 from ...scene_files.gltf import read_geometry, read_gltf_camera, read_light
 from ...scene_files.landscape import landscape
-from ...scene_files.mask_files import read_mask
 from ...scene_files.rasterise import rasterise
 from ...scene_files.scene_camera import SceneCamera
 from ..common.settings import ConfigError

@@ -26,7 +26,7 @@ def buffer_of(config: SceneSettings, scene: SceneInput, i: int) -> DepthBuffer |
     if not scene.depths:
         return None
     depth, lit = scene.depths[i], scene.lit[i] if scene.lit else None
-    if config.weights.by == "edges":
+    if config.weights.by == "edges" and lit is not None:
         plain = DepthBuffer(depth, scene.encoding)
         return DepthBuffer(depth, scene.encoding, warpopt.edge_weights(lit, plain, camera_of(scene.cameras[i])))
     return DepthBuffer(depth, scene.encoding, config.weights.by, lit)

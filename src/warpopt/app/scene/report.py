@@ -38,7 +38,7 @@ def short(row: dict[str, Any], name: str) -> str:
 _WEIGHTS = {
     "uniform": "every visible pixel counts alike",
     "depth": "a visible pixel counts by its eye depth, which stands for shadow edges",
-    "edges": "only the pixels beside a shadow edge count; where there is no edge, all pixels by their depth",
+    "edges": "only the pixels beside a shadow edge count; where there is no edge, pixels count by their depth",
 }
 _LIT = ", in the light alone"
 

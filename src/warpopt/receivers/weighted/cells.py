@@ -38,7 +38,9 @@ _LEAST_KEY, _LARGEST_KEY = (
 )
 _COARSER = _FINE_BITS - _CELL_BITS
 _FIRST_CELL = _LEAST_KEY >> _COARSER
-_SIDES, _DEPTHS = _LARGEST_KEY - _LEAST_KEY + 1, (_LARGEST_KEY >> _COARSER) - _FIRST_CELL + 1
+_SIDES = _LARGEST_KEY - _LEAST_KEY + 1
+_DEPTHS = (_LARGEST_KEY >> _COARSER) - _FIRST_CELL + 1
+_DEPTHS += _DEPTHS % 2  # even, so that cells can be merged in pairs
 
 
 def _edges(first: int, count: int, bits: int, dtype) -> np.ndarray:
@@ -121,29 +123,47 @@ def _in_cells(
     dtype = first.dtype
     nothing = jnp.zeros((_DEPTHS * _SLOPES, 4), dtype), jnp.zeros((_SIDES, 2), dtype), jnp.zeros(first.shape, dtype)
     (sums, widths, mass), _ = jax.lax.scan(add, nothing, rows)
-    samples = _centroids(sums / _positive(mass.sum()), offset, pitch)
+    sums = (sums / _positive(mass.sum())).reshape(_DEPTHS, _SLOPES, 4)
+    samples = _centroids(sums, offset, pitch)
     return samples, _finer(old, *widths.T)
 
 
-def _centroids(sums: Float[Array, "S 4"], offset: Array, pitch: Array) -> Samples:
-    edges = _edges(_FIRST_CELL, _DEPTHS, _CELL_BITS, sums.dtype)
-    first, last = edges[:-1], edges[1:]
+def _centroids(sums: Float[Array, "D C 4"], offset: Array, pitch: Array) -> Samples:
+    """The occupied cells; where more than half are, cells twice as deep."""
+    edges = jnp.asarray(_edges(_FIRST_CELL, _DEPTHS, _CELL_BITS, sums.dtype))
+    room = sums.shape[0] // 2 * sums.shape[1]
+
+    def occupied() -> Samples:
+        full = _of_cells(sums, edges, offset, pitch)
+        first = jnp.argsort(~(full.weight > 0), stable=True)[:room]
+        return jax.tree.map(lambda v: v[first], full)
+
+    def merged() -> Samples:
+        return _of_cells(sums.reshape(-1, 2, *sums.shape[1:]).sum(1), edges[::2], offset, pitch)
+
+    return jax.lax.cond((sums[..., 0] > 0).sum() <= room, occupied, merged)
+
+
+def _of_cells(sums: Float[Array, "D C 4"], edges: Array, offset: Array, pitch: Array) -> Samples:
+    first, last = edges[:-1, None], edges[1:, None]
     # A cell's receivers lie between two slopes and two depths: a trapezoid, in this rectangle.
-    inner = (jnp.arange(_SLOPES) * pitch * (first[:, None] + offset)).ravel()
-    outer = (jnp.arange(1, _SLOPES + 1) * pitch * (last[:, None] + offset)).ravel()
-    first, last = (np.repeat(edge, _SLOPES) for edge in (first, last))
-    depth, width = last - first, outer - inner
-    total = sums[:, 0]
-    delta, lateral, both = (sums[:, i] / _positive(total) for i in (1, 2, 3))
+    inner = jnp.arange(_SLOPES) * pitch * (first + offset)
+    outer = jnp.arange(1, _SLOPES + 1) * pitch * (last + offset)
+    depth, width = _positive(last - first), outer - inner  # cells beyond delta = 1 are empty
+    total = sums[..., 0]
+    delta, lateral, both = (sums[..., i] / _positive(total) for i in (1, 2, 3))
     u, v = (delta - first) / depth, (lateral - inner) / width
     uv = (both - first * lateral - inner * delta + first * inner) / (depth * width)
     u, v, uv = (jnp.where(total > 0, jnp.clip(place, 0, 1), 0.5) for place in (u, v, uv))  # rounding
+    delta = jnp.where(total > 0, delta, (first + last) / 2)
+    lateral = jnp.where(total > 0, lateral, (inner + outer) / 2)
 
-    def at(delta: Array | np.ndarray) -> LightDepth:
-        return LightDepth(jnp.asarray(delta), 1 - jnp.asarray(delta))
+    def at(delta: Array) -> LightDepth:
+        flat = jnp.broadcast_to(delta, total.shape).ravel()
+        return LightDepth(flat, 1 - flat)
 
-    middle = jnp.where(total > 0, delta, (first + last) / 2), jnp.where(total > 0, lateral, (inner + outer) / 2)
-    return Samples(at(middle[0]), middle[1], total, Corners(at(first), at(last), inner, outer, u, v, uv))
+    places = (value.ravel() for value in (inner, outer, u, v, uv))
+    return Samples(at(delta), lateral.ravel(), total.ravel(), Corners(at(first), at(last), *places))
 
 
 def _finer(old: Sides, right: Float[Array, " K"], left: Float[Array, " K"]) -> Sides:

@@ -1,6 +1,6 @@
 """What each receiver of a set counts for in a mean. Everything seen must fit into the map, whatever its weight."""
 
-from typing import Any
+from typing import Any, Protocol
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,6 +10,19 @@ from jaxtyping import Array, Bool, Float
 from ..._checks import Numbers, checked, float_arrays, shown
 
 NAMED = ("uniform", "depth")
+
+
+class HasWeights(Protocol):
+    """An object with weights, such as what `warpopt.edge_weights` returns."""
+
+    @property
+    def weights(self) -> Float[Array, "..."]:
+        """One for each receiver."""
+        ...
+
+
+Weighting = Numbers | str | HasWeights
+"""What says how much a receiver counts: one number for each, or "uniform" or "depth"."""
 
 
 class Weights(eqx.Module):
@@ -29,7 +42,7 @@ class Weights(eqx.Module):
     lit: Bool[Array, "..."] | None
     by_depth: bool = eqx.field(static=True)
 
-    def __init__(self, weights: Numbers | str | None, lit: Numbers | None, shape: tuple[int, ...]):
+    def __init__(self, weights: Weighting | None, lit: Numbers | None, shape: tuple[int, ...]):
         if isinstance(weights, str) and weights not in NAMED:
             expected = ", ".join(map(repr, NAMED))
             raise ValueError(f"weights: got {shown(weights)}, expected {expected} or an array of shape {shape}")

@@ -137,17 +137,21 @@ class SampleNorm(eqx.Module):
         """How far J of the individual receivers may lie below the centroids', as a share; falls as eta rises.
 
         The size is A k(.) with k(.) convex in (A, x): with g its slope in x, a cell's mean is at least its centroid's
-        size plus g times the covariance of A and x, and g is at most k / max(A, x (1 - eta) / mu).
+        size plus g times the covariance of A and x, and g is at most k / max(A, x (1 - eta) / mu). For a power P > 1 it
+        is the covariance of A^P and x, at most a quarter of the product of their ranges.
         """
         samples, corners = self.samples, self.samples.corners
         if corners is None or self.kernel == "max":
             return jnp.zeros_like(eta)
         spread = (corners.far.delta - corners.near.delta) * (corners.outer - corners.inner)
-        covariance = jnp.abs(corners.uv - corners.u * corners.v) * spread * (1 - eta) ** 2
         blend = samples.depth.blend(eta)
+        if self.order == 1:
+            share = jnp.abs(corners.uv - corners.u * corners.v)
+        else:
+            share = 0.25 * self.order**2 * power(corners.far.blend(eta) / blend, self.order - 1)
         shear = samples.lateral * (1 - eta)
-        loss = covariance / (blend * jnp.where(shear > blend, shear, blend))
-        return self.order * jnp.where(samples.weight > 0, loss, 0).max()
+        loss = share * spread * (1 - eta) ** 2 / (blend * jnp.where(shear > blend, shear, blend))
+        return jnp.where(samples.weight > 0, loss, 0).max()
 
     def _widening(self, eta: Array) -> tuple[Array, Array]:
         """(the width, its slope), without an argmax, which takes longer than all the rest."""

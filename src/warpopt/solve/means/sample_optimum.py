@@ -9,14 +9,15 @@ from jaxtyping import Array, Float
 from ..outcome import Outcome
 from ..pieces import Optimum, settled, value_at
 from .sample_norm import SampleNorm
-from .weak_convexity import TOLERANCE, least
+from .weak_convexity import TOLERANCE, Minimum, least
 
 
 class SampleOptimum(NamedTuple):
-    """The optimum, and a lower bound of the norm over [min_eta, 1]."""
+    """The optimum, a lower bound of the norm over [min_eta, 1], and the search that found both."""
 
     optimum: Optimum
     lower: Float[Array, ""]
+    search: Minimum
 
 
 def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
@@ -60,37 +61,68 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
         throw=False,
     )
     u, outcome, residual = settled(norm, root.value, eps)
-    # Between its neighbours the best node may have a local minimum on either side of it: the node is kept if the one
-    # that the root finder came to is the worse.
-    better = value_at(fixed, jax.lax.stop_gradient(u)) <= value_at(fixed, jnp.log(found.eta)) * (1 + noise)
-    outcome = jnp.where(better, outcome, Outcome.not_converged)
-    u = jnp.where(inside, jnp.where(better, u, jnp.log(found.eta)), jnp.where(unbounded, jnp.log(floor), 0))
+    # Between its neighbours the best node may have a local minimum on either side of it: the node, which is within the
+    # tolerance of the global minimum, is kept if the one that the root finder came to is the worse.
+    node = jnp.log(found.eta)
+    better = value_at(fixed, jax.lax.stop_gradient(u)) <= value_at(fixed, node) * (1 + noise)
+    outcome = jnp.where(better, outcome, Outcome.stationary)
+    residual = jnp.where(better, residual, jnp.abs(rise(node, None)[0]))
+    u = jnp.where(inside, jnp.where(better, u, node), jnp.where(unbounded, jnp.log(floor), 0))
     outcome = jnp.where(inside, outcome, jnp.where(unbounded, Outcome.unbounded, Outcome.no_warp))
     outcome = jnp.where(fixed.footprint.flat, Outcome.flat, outcome)
     outcome = jnp.where(fixed.footprint.empty, Outcome.empty, outcome).astype(jnp.int32)
     residual, margin = jnp.where(inside, residual, 0), jnp.where(nothing, 0, margin)
     least_sum = found.bounds.min()
     bound = jnp.where(least_sum > 0, least_sum, 0) ** (1 / norm.order) * jnp.exp(fixed.log_scale)
-    return SampleOptimum(Optimum(u, outcome, residual, margin), bound)
+    return SampleOptimum(Optimum(u, outcome, residual, margin), bound, found)
 
 
-def excess_of_cells(norm: SampleNorm, best_case: SampleNorm, u: Array, min_eta: Array) -> Float[Array, ""]:
+def excess_of_cells(
+    norm: SampleNorm, best_case: SampleNorm, search: Minimum, u: Array, min_eta: Array
+) -> Float[Array, ""]:
     """Bound on the regret due to cells and grouped sides: the most that the individual receivers' norm may be at u over
     the least that it may be anywhere, minus 1.
 
     Args:
         norm: what was minimised.
         best_case: the same with the most favourable sides.
+        search: of `norm`.
         u: log of the eta that was found.
         min_eta: the least eta that counts.
     """
     eta, floor = jnp.exp(u), min_eta.astype(u.dtype)
     most = norm.corner_mean(eta)
-    found = least(best_case.touch, floor, 10 * TOLERANCE)
     # The loss falls as eta rises: it is taken at two places, so that small eta, which are bad, do not count.
     half = jnp.where(eta / 2 > floor, eta / 2, floor)
-    loss = jnp.where(found.starts < half, best_case.covariance_loss(floor), best_case.covariance_loss(half))
-    fewest = (found.bounds * jnp.where(loss < 1, 1 - loss, 0)).min()
+    low_loss, high_loss = norm.covariance_loss(floor), norm.covariance_loss(half)
+
+    def without_loss(bounds: Array, starts: Array) -> Array:
+        loss = jnp.where(starts < half, low_loss, high_loss)
+        return bounds * jnp.where(loss < 1, 1 - loss, 0)
+
+    # A width narrower by a factor leaves at least that factor of a size: enough where the search's bound is high. In
+    # the rest, around the optimum, the best case is searched itself.
+    rough = without_loss(search.bounds, search.starts) * _narrowing(norm, best_case, floor) ** norm.order
+    around = jnp.isfinite(search.bounds) & (rough < search.value)
+    low, high = jnp.where(around, search.starts, jnp.inf).min(), jnp.where(around, search.ends, 0).max()
+    low, high = (jnp.where(around.any(), v, eta) for v in (low, high))
+    near = least(best_case.touch, low, high, count=_NEAR, tolerance=10 * TOLERANCE)
+    fewest = jnp.minimum(jnp.where(around, jnp.inf, rough).min(), without_loss(near.bounds, near.starts).min())
+    fewest = jnp.where(jnp.isfinite(fewest), fewest, search.value)
     ratio = jnp.where(fewest > 0, most / jnp.where(fewest > 0, fewest, 1), jnp.inf)
     ratio = jnp.where(most > 0, ratio, 1)
     return jnp.where(ratio > 1, ratio, 1) ** (1 / norm.order) - 1
+
+
+_NEAR = 5  # nodes to begin with around the optimum
+
+
+def _narrowing(norm: SampleNorm, best_case: SampleNorm, eta: Array) -> Array:
+    """The least factor between a side's most favourable width and its own, at this eta and all larger ones."""
+    sides, best = norm.footprint.sides, best_case.footprint.sides
+    shrunk = sides.depth.blend(eta) / best.depth.blend(eta)
+    factors = [
+        jnp.where(own > 0, other / jnp.where(own > 0, own, 1) * shrunk, 1).min()
+        for own, other in ((sides.right, best.right), (sides.left, best.left))
+    ]
+    return jnp.minimum(*factors)

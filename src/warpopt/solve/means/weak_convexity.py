@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from .sample_norm import Touch
 
-_FIRST = 17  # nodes, even in log(eta): E_p and E_q change by a factor of at most 1.8 between two for min_eta = 1e-4
+NODES = 17  # even in log(eta): E_p and E_q change by a factor of at most 1.8 between two for min_eta = 1e-4
 _TOGETHER = 4  # nodes added in one step
 _STEPS = 80
 TOLERANCE = 1e-6
@@ -21,7 +21,7 @@ class Minimum(NamedTuple):
     Attributes:
         eta, value: of the best node.
         below, above: its neighbours, 0 and inf at the ends.
-        starts, bounds: where each interval between nodes begins, and a lower bound of the function there; inf for none.
+        starts, ends, bounds: of each interval between nodes, and a lower bound of the function there; inf for none.
     """
 
     eta: Float[Array, ""]
@@ -29,24 +29,34 @@ class Minimum(NamedTuple):
     below: Float[Array, ""]
     above: Float[Array, ""]
     starts: Float[Array, " I"]
+    ends: Float[Array, " I"]
     bounds: Float[Array, " I"]
 
 
-def least(touch: Callable[[Float[Array, ""]], Touch], floor: Float[Array, ""], tolerance: float = TOLERANCE) -> Minimum:
-    """The least value over [floor, 1]: nodes are added where the bound is lowest, until it is close to the best value.
+def least(
+    touch: Callable[[Float[Array, ""]], Touch],
+    floor: Float[Array, ""],
+    ceiling: Float[Array, ""] | float = 1.0,
+    *,
+    count: int = NODES,
+    tolerance: float = TOLERANCE,
+) -> Minimum:
+    """The least value over [floor, ceiling]: nodes are added where the bound is lowest, until that is near the best.
 
     Args:
         touch: at eta, a parabola value + slope (e - eta) - bend (e - eta)^2 that the function exceeds for every e.
-        floor: in (0, 1).
+        floor, ceiling: in (0, 1].
+        count: number of nodes to begin with, even in log(eta).
         tolerance: best value over bound, minus 1, at most; in single precision its rounding at least.
     """
     dtype = floor.dtype
     tolerance = max(tolerance, 32 * float(jnp.finfo(dtype).eps))
     touches = jax.vmap(touch)
-    room = _FIRST + _TOGETHER * _STEPS
-    first = jnp.exp(jnp.linspace(1, 0, _FIRST, dtype=dtype) * jnp.log(floor)).at[-1].set(1)
-    nodes = jnp.full(room, jnp.inf, dtype).at[:_FIRST].set(first)
-    found = jax.tree.map(lambda v: jnp.zeros(room, dtype).at[:_FIRST].set(v), touches(first))
+    room, high = count + _TOGETHER * _STEPS, jnp.asarray(ceiling, dtype)
+    first = floor * jnp.exp(jnp.linspace(0, 1, count, dtype=dtype) * jnp.log(high / floor))
+    first = jnp.where(first < high, first, high).at[-1].set(high)
+    nodes = jnp.full(room, jnp.inf, dtype).at[:count].set(first)
+    found = jax.tree.map(lambda v: jnp.zeros(room, dtype).at[:count].set(v), touches(first))
 
     def bounds(nodes: Array, found: Touch) -> tuple[Array, Array]:
         """(each interval's lower bound, where it is attained); inf beyond the last node."""
@@ -77,7 +87,7 @@ def least(touch: Callable[[Float[Array, ""]], Touch], floor: Float[Array, ""], t
         _, worst = jax.lax.top_k(-lower, _TOGETHER)
         new = jnp.where(jnp.isfinite(lower[worst]), meeting[worst], jnp.inf)
         values = touches(jnp.where(jnp.isfinite(new), new, 1))
-        place = _FIRST + _TOGETHER * step + jnp.arange(_TOGETHER)
+        place = count + _TOGETHER * step + jnp.arange(_TOGETHER)
         nodes = nodes.at[place].set(new)
         found = jax.tree.map(lambda all_of, some: all_of.at[place].set(some), found, values)
         order = jnp.argsort(nodes)
@@ -88,4 +98,4 @@ def least(touch: Callable[[Float[Array, ""]], Touch], floor: Float[Array, ""], t
     i = jnp.argmin(values)
     below = jnp.where(i > 0, nodes[i - 1], 0)
     above = nodes[jnp.minimum(i + 1, room - 1)]
-    return Minimum(nodes[i], values[i], below, above, nodes[:-1], bounds(nodes, found)[0])
+    return Minimum(nodes[i], values[i], below, above, nodes[:-1], nodes[1:], bounds(nodes, found)[0])
