@@ -230,6 +230,17 @@ def test_a_lit_plane_has_no_acne():
             assert edges.share == 0
 
 
+def test_pixels_without_a_neighbour_on_their_surface_have_no_acne():
+    """Every second row is background: no slope is known, and a fixed share of the map's depth is the bias."""
+    light = np.array([0.1, -1, 1]) / np.sqrt(2.01)
+    camera = Camera((60, 9, 30), (0, -1.2, -1), (0, 1, 0), near=0.1, far=100.0, half_fov=0.4, aspect=1.6)
+    depth, _ = seen_of(camera, light)
+    depth[::2] = 0
+    view = SceneView(camera, DirectionalLight(light), DepthBuffer(depth))
+    matrix = shadow_matrix(view, Warp.from_eta(1.0, view.footprint()), casters=[[60.0, 2, 30]])
+    assert edge_weights(RenderedMap(map_of(matrix, ClipSpace()), matrix), DepthBuffer(depth), camera).share == 0
+
+
 def test_what_is_outside_of_the_map_is_lit():
     """A map of the view's middle alone, without a caster, under a light that reaches all that is seen of the box."""
     shadow_map, receivers, true = rendered(ABOVE, LIGHTS[1])

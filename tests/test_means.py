@@ -11,6 +11,7 @@ import warpopt
 from warpopt import Camera, DirectionalLight, Objective, Outcome, SceneView, optimal_warp
 from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, PointReceivers
 from warpopt.receivers.weighted import cells
+from warpopt.receivers.weighted.weights import Weights
 from warpopt.solve.means.sample_norm import Touch
 from warpopt.solve.means.sample_optimum import excess_of_cells
 from warpopt.solve.means.weak_convexity import least
@@ -397,6 +398,15 @@ def test_without_any_weight_depths_are_taken_and_it_is_said(kind, objective):
     assert Outcome(int(none.result)) is Outcome.depth_weighted
     assert Outcome(int(by_depth.result)) is not Outcome.depth_weighted
     np.testing.assert_allclose(none.value, by_depth.value, rtol=1e-14)
+
+
+def test_the_fallback_keeps_to_the_light():
+    z, nothing = jnp.array([1.0, 2.0, 3.0]), jnp.zeros(3, bool)
+    for lit, expected in (([True, False, True], [1, 0, 0]), ([False] * 3, [1, 2, 0]), (None, [1, 2, 0])):
+        weights, by_depth = Weights(np.zeros(3), lit, (3,)).of(z, jnp.array([True, True, False]))
+        np.testing.assert_array_equal(weights, expected)
+        assert by_depth
+        assert not Weights(np.zeros(3), lit, (3,)).of(z, nothing)[1]
 
 
 def _by_depth(kind):

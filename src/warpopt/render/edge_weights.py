@@ -73,12 +73,12 @@ def edge_weights(
     *,
     last_camera: Camera | None = None,
 ) -> EdgeWeights:
-    """Weights 1 for the pixels beside a shadow edge: with a neighbour across or up that the light reaches and one not.
+    """Weights that are 1 beside a shadow edge, where of two adjacent pixels only one is lit, and 0 elsewhere.
 
     Args:
         lit: which pixels the light reaches, of this frame or of the last: (H, W) of booleans or 0 and 1, or a `.npy` or
             PNG file of it; or a `RenderedMap`, in which every pixel is looked up with a bias of one texel along its
-            surface.
+            surface; what faces away from the light is not lit.
         receivers, camera: of this frame. With them, only pixels that show something count; required for
             `last_camera` and for a map.
         last_camera: the camera of the frame that `lit` is from: its edges are carried over by the receivers' places.
