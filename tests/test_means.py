@@ -21,9 +21,8 @@ from warpopt.theory import edge_offset
 
 CAMERA = Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=500.0, half_fov=0.4, aspect=1.6)
 SCREEN, MAP = (1280, 800), (1024, 1024)
-OBJECTIVES = [
-    Objective("edge"), Objective("band"), Objective("max", "l1"), Objective("max", "l2"), Objective("edge", "l2")
-]  # fmt: skip
+# Each kernel, and an order above 1; every program takes seconds to compile.
+OBJECTIVES = [Objective("edge"), Objective("band"), Objective("max", "l2")]
 ETAS = np.geomspace(1e-4, 1, 4000)
 NAMES = [o.title for o in OBJECTIVES]
 
@@ -263,8 +262,8 @@ def pixels_of(depth, weights):
     return points, np.asarray(weights, float)[seen]
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-@pytest.mark.parametrize("objective", OBJECTIVES[:4], ids=NAMES[:4])
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("objective", OBJECTIVES, ids=NAMES)
 def test_cells_of_a_buffer_are_its_pixels_within_the_bound(objective, seed):
     depth, lit = hills(seed)
     rng = np.random.default_rng(seed)
@@ -350,7 +349,7 @@ def test_what_is_weighed_zero_must_still_fit():
     far = np.array([[30.0, 0.0, -100.0], [-30.0, 2.0, -100.0]])
     light = (0.2, -1, -0.3)
     both = view_of(np.concatenate([near, far]), [1.0, 1.0, 0.0, 0.0], light)
-    for objective in (Objective("edge"), Objective("p", "l2")):
+    for objective in (Objective("p", "l2"), Objective("q", "l2")):
         solution, alone = optimal_warp(both, objective), optimal_warp(view_of(near, None, light), objective)
         assert solution.warp.mu > 50 * alone.warp.mu
     # Norms inf are over all receivers, whatever their weight.
@@ -364,12 +363,10 @@ def test_weights_by_depth_are_the_depths():
         counted = (depth > 0) if mask is None else (depth > 0) & mask
         named, given = DepthBuffer(depth, weights="depth", lit=mask), DepthBuffer(depth, weights=depth * counted)
         for objective in (Objective("band"), Objective("p", "l1")):
-            one, other = (
-                optimal_warp(SceneView(CAMERA, DirectionalLight((0.3, -1, 0.2)), buffer), objective)
-                for buffer in (named, given)
-            )
-            np.testing.assert_allclose(one.value, other.value, rtol=1e-13)
-            np.testing.assert_allclose(one.warp.eta, other.warp.eta, rtol=1e-7)
+            views = [SceneView(CAMERA, DirectionalLight((0.3, -1, 0.2)), buffer) for buffer in (named, given)]
+            warp = warpopt.Warp.from_eta([0.03, 0.4, 1.0], views[0].footprint())
+            one, other = (warpopt.error_norm(view, warp, objective) for view in views)
+            np.testing.assert_allclose(one, other, rtol=1e-13)
 
 
 def test_the_mean_of_e_p_by_depth_has_a_closed_form():
@@ -394,16 +391,17 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("objective", [Objective("edge"), Objective("p", "l2")], ids=["edge", "p l2"])
-def test_without_any_weight_depths_are_taken_and_it_is_said(kind, objective):
-    none, by_depth = (
-        optimal_warp(SceneView(CAMERA, DirectionalLight((0.1, -1, -0.2)), receivers), objective)
-        for receivers in (KINDS[kind]([0.0, 0.0, 0.0]), _by_depth(kind))
+@pytest.mark.parametrize(("kind", "metric"), [("points", "edge"), ("buffer", "p"), ("histogram", "p")])
+def test_without_any_weight_depths_are_taken_and_it_is_said(kind, metric):
+    objective = Objective(metric, "l1")
+    none, some, by_depth = (
+        SceneView(CAMERA, DirectionalLight((0.1, -1, -0.2)), receivers)
+        for receivers in (KINDS[kind]([0.0, 0.0, 0.0]), KINDS[kind]([0.0, 1.0, 0.0]), _by_depth(kind))
     )
-    assert Outcome(int(none.result)) is Outcome.depth_weighted
-    assert Outcome(int(by_depth.result)) is not Outcome.depth_weighted
-    np.testing.assert_allclose(none.value, by_depth.value, rtol=1e-14)
+    found = optimal_warp(none, objective)
+    assert Outcome(int(found.result)) is Outcome.depth_weighted
+    assert Outcome(int(optimal_warp(some, objective).result)) is not Outcome.depth_weighted
+    np.testing.assert_allclose(warpopt.error_norm(by_depth, found, objective), found.value, rtol=1e-14)
 
 
 def test_the_fallback_keeps_to_the_light():
@@ -438,15 +436,15 @@ def test_a_histogram_is_the_points_it_stands_for():
             mass.append(np.concatenate([np.full(len(z) - 8, count * weight), np.zeros(8)]))
     light = DirectionalLight((0.3, -1, -0.4))
     receivers = DepthHistogram(edges, counts, weights), PointReceivers(np.concatenate(points), np.concatenate(mass))
+    views = [SceneView(CAMERA, light, r, screen=SCREEN, shadow_map=MAP) for r in receivers]
+    warp = warpopt.Warp.from_eta([0.01, 0.1, 1.0], views[0].footprint())
     for objective in (Objective("edge"), Objective("band"), Objective("p", "l2")):
-        one, other = (
-            optimal_warp(SceneView(CAMERA, light, r, screen=SCREEN, shadow_map=MAP), objective) for r in receivers
-        )
-        np.testing.assert_allclose(one.value, other.value, rtol=5e-4)  # the sample's, second order in 1/24
-        assert one.excess <= 1e-3
+        one, other = (warpopt.error_norm(view, warp, objective) for view in views)
+        np.testing.assert_allclose(one, other, rtol=5e-4)  # the sample's, second order in 1/24
+    assert optimal_warp(views[0], Objective("edge")).excess <= 1e-3
 
 
-@pytest.mark.parametrize("objective", OBJECTIVES[:4], ids=NAMES[:4])
+@pytest.mark.parametrize("objective", OBJECTIVES[:2], ids=NAMES[:2])
 def test_gradients_are_those_of_differences(objective):
     """In the camera's height and a weight: through the optimum, implicitly."""
     points, weights, light = (v[11] for v in sets())
@@ -464,7 +462,8 @@ def test_gradients_are_those_of_differences(objective):
     for k, step in enumerate(np.eye(2) * 1e-5):
         slope = (solved(at + step) - solved(at - step)) / 2e-5
         np.testing.assert_allclose(jacobian[:, k], slope, rtol=2e-5, atol=2e-7)
-    assert np.isfinite(jax.jacrev(solved)(at)).all()
+    if objective.name == "edge":
+        np.testing.assert_allclose(jax.jacrev(solved)(at), jacobian, rtol=1e-9)
 
 
 def test_gradients_reach_the_pixels():
@@ -493,8 +492,8 @@ def test_frames_compile_nothing_anew():
     assert solve._cache_size() == before
 
 
-@pytest.mark.parametrize("objective", OBJECTIVES[:3], ids=NAMES[:3])
-def test_single_precision_agrees(objective):
+def test_single_precision_agrees():
+    objective = Objective("edge")
     points, weights, light = (v[21].astype(np.float32) for v in sets())
     camera = jax.tree.map(lambda v: v.astype(jnp.float32), CAMERA)
     view = SceneView(camera, DirectionalLight(light), PointReceivers(points, weights), screen=SCREEN, shadow_map=MAP)
@@ -507,13 +506,13 @@ def test_single_precision_agrees(objective):
 
 def test_pointwise_sizes_average_to_the_norm():
     points, weights, light = (v[13] for v in sets())
+    view = view_of(points, weights, light)
+    solution = optimal_warp(view, Objective("edge"))
     for metric in ("edge", "band", "max"):
-        view = view_of(points, weights, light)
-        solution = optimal_warp(view, Objective(metric, "l1"))
         size = solution.aliasing_error(CAMERA.to_eye(points), metric)
-        np.testing.assert_allclose((weights * size).sum() / weights.sum(), solution.value, rtol=1e-12)
         norm = warpopt.error_norm(view, solution, Objective(metric, "l1"))
-        np.testing.assert_allclose(norm, solution.value, rtol=1e-12)
+        np.testing.assert_allclose((weights * size).sum() / weights.sum(), norm, rtol=1e-12)
+    np.testing.assert_allclose(warpopt.error_norm(view, solution, Objective("edge")), solution.value, rtol=1e-12)
 
 
 def test_without_resolutions_pixels_are_square():
