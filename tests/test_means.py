@@ -10,7 +10,12 @@ import pytest
 import warpopt
 from warpopt import Camera, DirectionalLight, Objective, Outcome, SceneView, optimal_warp
 from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, PointReceivers
+from warpopt.receivers.weighted import cells
+from warpopt.receivers.weighted.weights import Weights
+from warpopt.solve.means.sample_norm import Touch
+from warpopt.solve.means.sample_optimum import excess_of_cells
 from warpopt.solve.means.weak_convexity import least
+from warpopt.solve.pieces import value_at
 from warpopt.solve.scene import _log_norm
 from warpopt.theory import edge_offset
 
@@ -54,14 +59,17 @@ def brute(points, weights, light, objective, etas, screen=SCREEN, shadow_map=MAP
     x = x - np.clip(0, x.min(), x.max())
     mu = np.ptp(d)
     delta = (d - d.min()) / mu
-    per_slope = screen[1] / (2 * np.tan(0.4))
+    # Pixels to a unit of slope along X_w's and Z_w's images on the screen, which are perpendicular.
+    per_slope = np.array(screen) / (2 * np.tan(0.4) * np.array([1.6, 1]))
+    right, up = np.cross(axis, towards)[:2]
+    across, along = np.hypot(right * per_slope[0], up * per_slope[1]), np.hypot(up * per_slope[0], right * per_slope[1])
     counted = weights > 0
     eta = np.atleast_1d(etas)[:, None]
     blend = (1 - delta) * eta + delta
     width = ((x / blend).max(1) - (x / blend).min(1))[:, None]
-    e_p = per_slope / shadow_map[1] * mu * blend**2 / (eta * z)
-    e_q = per_slope / shadow_map[0] * width * blend / z
-    sigma = np.abs(x) * (1 - eta) / (blend * mu)
+    e_p = along / shadow_map[1] * mu * blend**2 / (eta * z)
+    e_q = across / shadow_map[0] * width * blend / z
+    sigma = np.abs(x) * (1 - eta) / (blend * mu) * across / along
     size = kernel(objective.name, *(v[:, counted] for v in (e_p, sigma, e_q)))
     return (size**objective.order @ weights[counted] / weights.sum()) ** (1 / objective.order)
 
@@ -129,6 +137,36 @@ def test_a_parabola_lies_below_the_mean(objective):
     assert (np.diagonal(below, 1) > 0.9 * np.asarray(value)[1:]).any()
 
 
+@pytest.mark.parametrize("objective", OBJECTIVES[:3], ids=NAMES[:3])
+def test_a_parabola_lies_below_where_the_mean_bends_down(objective):
+    """Near receivers count, and others that do not are wide: E_q = eta (1 + x/(0.1 eta + 0.9)) takes all of C."""
+    z = np.concatenate([np.full(40, 1.0), [9.1, 9.1], np.full(22, 10.0)])
+    x = np.concatenate([np.zeros(40), [-5.0, 5.0], np.zeros(22)])
+    points = np.stack([x, np.full(64, 2.0), -z], 1)
+    view = view_of(points, (z == 1.0).astype(float), (0, -1, 0), screen=SCREEN, shadow_map=(1, 100_000))
+    norm = norm_of(view, objective)
+    eta = jnp.linspace(0.1, 1, 40)
+    value, slope, bend = jax.vmap(norm.touch)(eta)
+    step = eta - eta[:, None]
+    below = value[:, None] + slope[:, None] * step - bend[:, None] * step**2
+    assert (below <= value * (1 + 1e-12)).all()
+    assert (below + 0.2 * bend[:, None] * step**2 > value)[0, 1:].all()  # C is at most a fifth too large
+
+
+def test_pixels_need_not_be_square():
+    """A screen of twice as many columns: densities along and across differ, and so does the shear on the screen."""
+    screen = (2560, 800)
+    for i in range(4):
+        points, weights, light = (v[i] for v in sets())
+        for objective in OBJECTIVES[:2]:
+            norm = norm_of(view_of(points, weights, light, screen=screen, shadow_map=MAP), objective)
+            for eta in (0.01, 0.3):
+                value = value_at(norm, jnp.log(eta))
+                np.testing.assert_allclose(
+                    value, brute(points, weights, light, objective, eta, screen=screen)[0], rtol=1e-12
+                )
+
+
 def two_minima():
     """Receivers over which "edge" in L2 has two local minima, 10 % deep, by depth along Z_w, x and z; from a search."""
     delta = np.array([0.0, 1.0, 0.0026, 1e-4, 5.9e-4])
@@ -165,6 +203,26 @@ def test_the_bound_of_a_node_is_not_the_best_value_alone():
     exact, loose = (least(norm.touch, jnp.asarray(1e-4), tolerance=tolerance) for tolerance in (1e-6, 0.5))
     assert loose.bounds.min() < exact.bounds.min() < exact.value
     assert exact.value / exact.bounds.min() - 1 <= 1e-6 < loose.value / loose.bounds.min() - 1
+
+
+def test_bounds_between_nodes_hold_and_meet():
+    """For waves, whose parabolas are as steep as they must be."""
+
+    def touch(eta):
+        return Touch(3 + jnp.cos(20 * eta) + eta, 1 - 20 * jnp.sin(20 * eta), 200.0 * jnp.ones_like(eta))
+
+    grid = np.linspace(1e-3, 1, 20_001)
+    values = np.asarray(touch(grid).value)
+    for tolerance in (1e-6, 1e-2, 0.9):
+        found = least(touch, jnp.asarray(1e-3), tolerance=tolerance)
+        starts = np.asarray(found.starts)[np.isfinite(found.bounds)]
+        bounds = np.asarray(found.bounds)[: len(starts)]
+        which = np.searchsorted(starts, grid, side="right") - 1
+        assert (bounds[which] <= values + 1e-12).all()
+        assert found.value <= bounds.min() * (1 + tolerance) or tolerance == 0.9
+        assert found.below < found.eta < found.above
+    exact = least(touch, jnp.asarray(1e-3))
+    np.testing.assert_allclose(exact.value, values.min(), rtol=1e-6)
 
 
 @pytest.mark.parametrize("metric", ["max"])
@@ -222,6 +280,68 @@ def test_cells_of_a_buffer_are_its_pixels_within_the_bound(objective, seed):
     assert abs(float(solution.value) / true[0] - 1) > 1e-9  # it is an approximation: the bound has work to do
     # The excess is a bound and no guess: a value from the cells' far corners would be outside of it.
     assert solution.excess > 0
+
+
+@pytest.mark.parametrize("first", [0, 100])
+def test_the_map_of_cells_holds_every_pixel(first):
+    """At any eta, and is a thousandth too wide at most; also where all is to one side of the eye."""
+    depth, _ = hills(1)
+    depth[:, :first] = 0
+    view = SceneView(CAMERA, DirectionalLight((0.02, -1, -0.4)), DepthBuffer(depth), screen=SCREEN, shadow_map=MAP)
+    footprint = view.footprint(Objective("edge"))
+    points, _ = pixels_of(depth, depth)
+    places, x, _ = footprint.coordinates(view.frame(), CAMERA.to_eye(points))
+    assert (np.abs(footprint.axis) > 0.1) == (first > 0)
+    for eta in np.geomspace(1e-4, 1, 9):
+        blend = np.asarray(places.blend(eta))
+        for width, side in zip(footprint.half_widths(eta), (-np.asarray(x), np.asarray(x)), strict=True):
+            needed = max((side / blend).max(), 0)
+            assert needed * (1 - 1e-9) <= width <= needed * (1 + 1.1e-3) + 1e-12
+
+
+def test_a_depth_is_in_its_bin():
+    """At the bins' edges too, where single precision rounds up or down."""
+    edges = cells._edges(cells._LEAST_KEY, cells._SIDES, cells._FINE_BITS, float)
+    shifted = edges[1:-1] + cells._OFFSET
+    delta = np.concatenate([shifted * (1 + k * 2.0**-26) - cells._OFFSET for k in range(-9, 10)])
+    key = np.asarray(cells._key(jnp.asarray(delta))) - cells._LEAST_KEY
+    assert (edges[key] <= delta).all()
+    assert (delta <= edges[key + 1] * (1 + 1e-6) + 1e-9).all()
+
+
+@pytest.mark.parametrize("objective", [Objective("edge"), Objective("edge", "l2"), Objective("max", "l1")], ids=["l1", "l2", "max"])
+def test_a_centroid_is_its_cells_receivers_within_the_excess(objective):
+    """Two places in opposite corners of a cell: with the nearer one farther out, their mean is below the centroid's."""
+    camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=500.0, half_fov=1.55)
+    floor = jnp.asarray(1e-4)
+    for spread in (0.028, -0.028):
+        # Depths along the light plane 0 and 1, a wide one, and the two places.
+        delta = np.array([0.0, 1.0, 0.5, 0.501, 0.530])
+        x = np.array([0.0, 0.0, 2295.0, 331 * (1 + spread), 331 * (1 - spread)])
+
+        def norm(repeated, delta=delta, x=x):
+            which = np.concatenate([[0, 1, 2], np.repeat([3, 4], repeated)])
+            z = 1 + 100 * delta[which]
+            points = np.stack([x[which], np.zeros_like(z), -z], 1)
+            weights = (which > 2) * z**objective.order  # without the factor 1/z
+            # The first place's size is eta: its weight puts the optimum near 0.01, where the shear is large.
+            weights[0] = 3e4**objective.order * repeated
+            receivers = PointReceivers(points, weights)
+            view = SceneView(camera, DirectionalLight((0, -1, 0)), receivers, screen=SCREEN, shadow_map=(10**6, 10))
+            return norm_of(view, objective)
+
+        few, many = norm(1), norm(2500)
+        assert few.samples.corners is None
+        assert (np.asarray(many.samples.weight) > 0).sum() == 2
+        search = least(many.touch, floor)
+        eta = search.eta
+        assert 1e-3 < eta < 0.1
+        two, centroid = few.touch(eta).value, many.touch(eta).value
+        assert (two < centroid) == (spread > 0 and objective.name == "edge")
+        assert abs(two / centroid - 1) > 1e-5
+        assert centroid * (1 - many.covariance_loss(eta)) <= two <= many.corner_mean(eta) * (1 + 1e-9)
+        excess = excess_of_cells(many, many, search, jnp.log(eta), floor)
+        assert abs(jnp.log(two / centroid)) / objective.order <= jnp.log1p(excess) + 1e-6
 
 
 def test_what_is_weighed_zero_must_still_fit():
@@ -282,6 +402,15 @@ def test_without_any_weight_depths_are_taken_and_it_is_said(kind, metric):
     assert Outcome(int(found.result)) is Outcome.depth_weighted
     assert Outcome(int(optimal_warp(some, objective).result)) is not Outcome.depth_weighted
     np.testing.assert_allclose(warpopt.error_norm(by_depth, found, objective), found.value, rtol=1e-14)
+
+
+def test_the_fallback_keeps_to_the_light():
+    z, nothing = jnp.array([1.0, 2.0, 3.0]), jnp.zeros(3, bool)
+    for lit, expected in (([True, False, True], [1, 0, 0]), ([False] * 3, [1, 2, 0]), (None, [1, 2, 0])):
+        weights, by_depth = Weights(np.zeros(3), lit, (3,)).of(z, jnp.array([True, True, False]))
+        np.testing.assert_array_equal(weights, expected)
+        assert by_depth
+        assert not Weights(np.zeros(3), lit, (3,)).of(z, nothing)[1]
 
 
 def _by_depth(kind):

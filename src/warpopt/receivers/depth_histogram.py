@@ -24,9 +24,10 @@ _DEGREE_WITH_KINKS = 22  # 12 by 12 nodes on the screen, 19 in each bin
 class DepthHistogram(Receivers):
     """Receivers spread evenly over the screen at each depth, and evenly in depth within each bin.
 
-    A histogram contains no more information. Where the scene is uneven on the screen (ground below, sky above), a
-    `DepthBuffer` is more accurate: on hills, over light directions, the L2 norm with a histogram's warp is up to 6
-    (E_p) and 250 times (E_pxq) the optimum's, little better than ignoring the scene (docs/performance.md).
+    A histogram does not say where on the screen its receivers are. Where the scene is uneven on the screen (ground
+    below, sky above), a `DepthBuffer` is more accurate: on hills, over light directions, the L2 norm with a
+    histogram's warp is up to 6 (E_p) and 250 times (E_pxq) the optimum's, little better than ignoring the scene
+    (docs/performance.md).
 
     Args:
         edges: (K + 1,) eye depths, increasing, > 0. The part outside the view frustum is cut off.

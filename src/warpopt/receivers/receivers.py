@@ -22,7 +22,7 @@ class Receivers(eqx.Module):
     only `footprint` (`warpopt.receivers.bins` builds it from extents of groups, and moments for L_P norms). Without the
     other two methods, rules and lower bounds over it raise an error. What your methods return is checked: a wrong type,
     shape or value is a `ValueError` that names it (wrong values in your own compiled program are
-    `Outcome.not_finite`), and outside such a program they are asked once for each call, or once by `SceneView.reduced`.
+    `Outcome.not_finite`). Outside such a program they are called once for each solve, or once by `SceneView.reduced`.
 
     Attributes:
         measures: the measures that L_P norms over this kind accept; a set is weighted by its weights instead.

@@ -1,6 +1,5 @@
 """Weights of pixels beside a shadow edge: where a shadow map's errors are seen."""
 
-import functools
 from pathlib import Path
 
 import equinox as eqx
@@ -74,12 +73,12 @@ def edge_weights(
     *,
     last_camera: Camera | None = None,
 ) -> EdgeWeights:
-    """Weights 1 for the pixels beside a shadow edge: with a neighbour across or up that the light reaches and one not.
+    """Weights that are 1 beside a shadow edge, where of two adjacent pixels only one is lit, and 0 elsewhere.
 
     Args:
         lit: which pixels the light reaches, of this frame or of the last: (H, W) of booleans or 0 and 1, or a `.npy` or
             PNG file of it; or a `RenderedMap`, in which every pixel is looked up with a bias of one texel along its
-            surface.
+            surface; what faces away from the light is not lit.
         receivers, camera: of this frame. With them, only pixels that show something count; required for
             `last_camera` and for a map.
         last_camera: the camera of the frame that `lit` is from: its edges are carried over by the receivers' places.
@@ -174,49 +173,84 @@ def _carried(
 @jax.jit
 def _of_map(rendered: RenderedMap, receivers: DepthBuffer, camera: Camera) -> EdgeWeights:
     points, seen = eye_points(receivers, camera)
-    place = functools.partial(_in_map, rendered)
-    world = _to_world(camera, points)
-    s, t, depth = place(world)
+    place = _in_map(rendered, _to_world(camera, points))
+    s, t, depth = (place[..., k] for k in range(3))
     rows, columns = rendered.depth.shape
     i, j = jnp.floor(s * rows), jnp.floor(t * columns)
     inside = (i >= 0) & (i < rows) & (j >= 0) & (j < columns) & (depth <= 1)
     i, j = (jnp.where(inside, v, 0).astype(int) for v in (i, j))
     stored = rendered.depth[i, j]
     stored = 1 - stored if rendered.clip_space.reversed_z else stored
-    # The depth's change over half a texel each way, along the surface: from the pixels beside this one.
-    bias = _slope(s, t, depth, seen, 1 / rows, 1 / columns)
-    return _weights(_edges(~inside | (depth - bias <= stored), seen))
+    bias, facing = _surface(place, jnp.where(seen, 1 / points[..., 2], 0), 1 / rows, 1 / columns)
+    # How pixels turn into texels: the same way round for each surface that faces both the eye and the light.
+    turn = -jnp.linalg.det(rendered.matrix) * jnp.linalg.det(camera.rotation)
+    turn = -turn if rendered.clip_space.reversed_z else turn
+    faces = facing * turn >= 0
+    # A texel at the foot of a wall holds the wall's depth, for pixels of the floor too.
+    bias = _widest(jnp.where(seen & faces, bias, 0))
+    return _weights(_edges(faces & (~inside | (depth - bias <= stored)), seen))
 
 
-def _slope(s: Array, t: Array, depth: Array, seen: Array, ds: float, dt: float) -> Array:
-    """The depth that a surface spans over one texel, from differences to the pixels beside; 0 where it has none."""
+def _widest(values: Float[Array, "H W"]) -> Array:
+    """The largest of each pixel's value and those beside it, diagonally too."""
+    for axis in (0, 1):
+        pad = [(1, 1) if k == axis else (0, 0) for k in (0, 1)]
+        wide = jnp.pad(values, pad, mode="edge")
+        parts = [jax.lax.slice_in_dim(wide, i, values.shape[axis] + i, axis=axis) for i in range(3)]
+        values = jnp.maximum(jnp.maximum(parts[0], parts[1]), parts[2])
+    return values
 
-    def along(axis: int) -> Array:
-        values = jnp.stack([s, t, depth])
-        return jnp.asarray(jnp.gradient(values, axis=axis + 1)) if depth.shape[axis] > 1 else jnp.zeros_like(values)
 
-    (s_p, t_p, z_p), (s_q, t_q, z_q) = along(0), along(1)
+def _surface(place: Float[Array, "H W 3"], nearness: Array, ds: float, dt: float) -> tuple[Array, Array]:
+    """(the depth that a pixel's surface spans over one texel, the sign of its area in the map or 0 where unknown)."""
+    (down, known_down), (right, known_right) = (_step(place, nearness, axis) for axis in (0, 1))
+    (s_p, t_p, z_p), (s_q, t_q, z_q) = ([v[..., k] for k in range(3)] for v in (down, right))
     area = s_p * t_q - s_q * t_p
-    usable = seen & (jnp.abs(area) > 0)
-    safe = jnp.where(usable, area, 1)
+    # Where the light grazes a surface its area is rounding: it is taken as facing the light, and as steep.
+    eps = jnp.finfo(place.dtype).eps
+    known = known_down & known_right & (jnp.abs(area) > 16 * eps * sum(map(jnp.abs, (s_p, t_p, s_q, t_q))))
+    safe = jnp.where(known, area, 1)
     by_s, by_t = (z_p * t_q - z_q * t_p) / safe, (z_q * s_p - z_p * s_q) / safe
-    bias = jnp.abs(by_s) * ds + jnp.abs(by_t) * dt
-    # Across a silhouette a difference is no slope; no surface spans more than this over a texel that shadows can be
-    # seen on.
-    return jnp.where(usable, jnp.clip(bias, 0, _STEEPEST), _STEEPEST)
+    bias = jnp.abs(by_s) * ds + jnp.abs(by_t) * dt + _QUANTA
+    return jnp.where(known, bias, _UNKNOWN), jnp.where(known, jnp.sign(area), 0)
 
 
-_STEEPEST = 0.02  # of the map's depth
+_QUANTA = 2.0**-15  # of the map's depth: two steps of one stored in 16 bits
+_UNKNOWN = 0.02  # of the map's depth: the bias of pixels without a neighbour on their surface
 
 
-def _in_map(rendered: RenderedMap, world: Array) -> tuple[Array, Array, Array]:
-    """(s, t in [0, 1], depth from the light in [0, 1])."""
+def _step(place: Float[Array, "H W 3"], nearness: Float[Array, "H W"], axis: int) -> tuple[Array, Array]:
+    """(the change of place from a pixel to the next on its surface, whether there is one).
+
+    Over a plane 1/z is linear in the pixel. Of the two pixels beside, the one is taken towards which it is closer to
+    that, so that differences cross neither silhouettes nor creases; none where it is far from that towards both.
+    """
+    index = np.expand_dims(np.arange(nearness.shape[axis]), 1 - axis)
+
+    def towards(by: int) -> tuple[Array, Array]:
+        """(the second difference of 1/z, whether it is a surface's)."""
+        one, two = (jnp.roll(nearness, -by * k, axis) for k in (1, 2))
+        there = (index + 2 * by >= 0) & (index + 2 * by < index.size) & (nearness > 0) & (one > 0)
+        bend = jnp.where(there, jnp.abs(nearness - 2 * one + two), jnp.inf)
+        return bend, bend <= _CURVED * jnp.abs(one - nearness) + _NOISE * nearness
+
+    (after, smooth_after), (before, smooth_before) = towards(1), towards(-1)
+    step = jnp.where((after <= before)[..., None], jnp.roll(place, -1, axis) - place, place - jnp.roll(place, 1, axis))
+    return step, jnp.where(after <= before, smooth_after, smooth_before)
+
+
+_CURVED, _NOISE = 0.25, 1e-3  # the second difference of a surface over its first, and over 1/z, at most
+
+
+def _in_map(rendered: RenderedMap, world: Array) -> Float[Array, "H W 3"]:
+    """(s, t, depth from the light), in [0, 1] inside of the map; outside for what is not before the map's apex."""
     convention = rendered.clip_space
     matrix = rendered.matrix.T if convention.row_vectors else rendered.matrix
     clip = world @ matrix[:, :3].T + matrix[:, 3]
-    x, y, z = (clip[..., k] / jnp.where(clip[..., 3] > 0, clip[..., 3], 1) for k in range(3))
+    before = clip[..., 3] > 0
+    x, y, z = (jnp.where(before, clip[..., k] / jnp.where(before, clip[..., 3], 1), 2) for k in range(3))
     depth = z if convention.z_zero_to_one else (z + 1) / 2
-    return (y + 1) / 2, (x + 1) / 2, 1 - depth if convention.reversed_z else depth
+    return jnp.stack([(y + 1) / 2, (x + 1) / 2, 1 - depth if convention.reversed_z else depth], -1)
 
 
 def _to_world(camera: Camera, points: Array) -> Array:

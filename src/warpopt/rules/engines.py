@@ -78,8 +78,8 @@ def filament(frustum: ViewFrustum | Body, theta: Numbers, near_hint: Numbers = 1
 def osg_lispsm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     """OpenSceneGraph's LiSPSM, and the paper authors' code of 2004: N = (z_n + sqrt(z_n (z_n + d s))) / s, z_n = n / s.
 
-    The apex is N - n behind the eye along Z_w, so that lambda = N - n + y_min; N >= 0.02 d. The second 1/s is a
-    slip of units (z_n a distance along Z_w, d s an eye depth): `osg_lispsm_corrected`.
+    The apex is N - n behind the eye along Z_w, so that lambda = N - n + y_min; N >= 0.02 d. The second 1/s
+    mixes units (z_n is a distance along Z_w, d s an eye depth); see `osg_lispsm_corrected`.
     src/osgShadow/LightSpacePerspectiveShadowMap.cpp @2e4ae2e.
 
     Example:
@@ -99,10 +99,10 @@ def osg_lispsm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
 def osg_lispsm_corrected(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     """`osg_lispsm` with consistent units: lambda = sqrt(n (n + d s)) / s + y_min.
 
-    Equal E_p at eye depths n and n + d s on the line through the eye along Z_w, the purpose of the code's apex, which
-    is
-    set relative to the eye: along Z_w these are n / s and n / s + d from the eye. Undefined where y_min is too far
-    behind the eye (theta < phi); `lispsm_paper` measures the same N from y_min and always gives a warp.
+    Equal E_p at eye depths n and n + d s on the line through the eye along Z_w, which is what
+    the code's apex is for. It is set relative to the eye: along Z_w these are n / s and n / s + d from the eye.
+    Undefined where y_min is too far behind the eye (theta < phi); `lispsm_paper` measures the same N from y_min and
+    always gives a warp.
 
     Example:
         >>> import warpopt
@@ -232,7 +232,7 @@ def tsm_xray(
     Args:
         frustum, theta: as for every rule.
         delta: depth fraction of the focus.
-        xi: where its line is to lie, in [-1, 1] from the far end of the map.
+        xi: where the focus is placed, in [-1, 1] from the far end of the map.
         cutoff: |cos(theta)| from which the map is uniform.
 
     Raises:

@@ -20,7 +20,7 @@ from .view_frustum import ViewFrustum
 
 
 class LightDepth(NamedTuple):
-    """A normalised depth along the warping axis Z_w, stored with its complement so that neither is a difference.
+    """A normalised depth along the warping axis Z_w, and its complement, so that neither is computed as a difference.
 
     Example:
         >>> depth = LightDepth(delta=0.25, one_minus_delta=0.75)
