@@ -309,7 +309,9 @@ def test_a_depth_is_in_its_bin():
     assert (delta <= edges[key + 1] * (1 + 1e-6) + 1e-9).all()
 
 
-@pytest.mark.parametrize("objective", [Objective("edge"), Objective("edge", "l2"), Objective("max", "l1")], ids=["l1", "l2", "max"])
+@pytest.mark.parametrize(
+    "objective", [Objective("edge"), Objective("edge", "l2"), Objective("max", "l1")], ids=["l1", "l2", "max"]
+)
 def test_a_centroid_is_its_cells_receivers_within_the_excess(objective):
     """Two places in opposite corners of a cell: with the nearer one farther out, their mean is below the centroid's."""
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=500.0, half_fov=1.55)

@@ -95,6 +95,8 @@ class FramesConfig(SceneSettings):
     def _has_casters(self) -> "FramesConfig":
         if "objective" in self.model_fields_set:
             raise ValueError("objective: got one, expected objectives by name in frames.warps, such as 'pxq-l2'")
+        if "weights" in self.model_fields_set:
+            raise ValueError("weights: got some, expected none: frames finds the edges of what it renders")
         if not (self.receivers.gltf or self.receivers.landscape or self.receivers.made):
             raise ValueError(
                 f"receivers: got {self.receivers.kind} without a shadow caster, expected gltf, landscape or made"

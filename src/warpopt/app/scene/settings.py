@@ -38,7 +38,6 @@ class SceneConfig(SceneSettings):
         if edges:
             objective["metrics"], weights["by"] = "edge", "edges"
         else:
-            objective["metrics"] = "p"
-            objective.setdefault("norms", "l1")
+            objective["metrics"] = "band"
             weights.setdefault("by", "depth")
         return data | {"objective": objective, "weights": weights}
