@@ -145,7 +145,7 @@ MUTATIONS = (
     Mutation("solve/means/sample_norm.py", "(corners.near, corners.outer, v - uv)",
              "(corners.near, corners.outer, u - uv)", "means", "cells"),
     Mutation("solve/means/sample_norm.py", "loss = share * spread", "loss = 0 * share * spread", "means", "centroid"),
-    Mutation("solve/means/sample_norm.py", "0.25 * self.order**2 *", "0.05 * self.order**2 *", "means", "centroid"),
+    Mutation("solve/means/sample_norm.py", "0.25 * self.order**2 *", "0.01 * self.order**2 *", "means", "centroid"),
     Mutation("solve/means/weak_convexity.py", "TOLERANCE = 1e-6", "TOLERANCE = 1e-4", "means", "brute"),
     Mutation("solve/means/weak_convexity.py", "jnp.minimum(at(meeting), ", "(", "means", "bound or minima"),
     Mutation("solve/means/weak_convexity.py", "left.slope - left.bend * width", "left.slope", "means", "between_nodes"),
