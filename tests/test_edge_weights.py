@@ -293,7 +293,7 @@ BAD = {
     "two": (lambda _: edge_weights(MAP, SMALL, CAMERA, last_camera=CAMERA), "last_camera: got one with a RenderedMap"),
     "away": (
         lambda _: edge_weights(MASK, SMALL, CAMERA, last_camera=AWAY),
-        "last_camera: got False, expected a camera that sees",
+        "last_camera: got one that sees none of this frame's receivers, expected it to see some",
     ),
     "kind": (lambda _: edge_weights(MASK, np.ones((3, 4)), CAMERA), "receivers: got .*expected a DepthBuffer"),
     "text": (lambda path: edge_weights(path / "text.png"), "neither .npy nor OpenEXR, expected one of"),

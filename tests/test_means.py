@@ -137,7 +137,7 @@ def test_a_parabola_lies_below_the_mean(objective):
     assert (np.diagonal(below, 1) > 0.9 * np.asarray(value)[1:]).any()
 
 
-@pytest.mark.parametrize("objective", OBJECTIVES[:3], ids=NAMES[:3])
+@pytest.mark.parametrize("objective", [o for o in OBJECTIVES if o.order == 1], ids=lambda o: o.title)
 def test_a_parabola_lies_below_where_the_mean_bends_down(objective):
     """Near receivers count, and others that do not are wide: E_q = eta (1 + x/(0.1 eta + 0.9)) takes all of C."""
     z = np.concatenate([np.full(40, 1.0), [9.1, 9.1], np.full(22, 10.0)])

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._checks import Numbers, checked, float_arrays, instance
+from .._checks import Numbers, checked, float_arrays, instance, is_traced
 from ..receivers.depth_buffer import DepthBuffer, eye_points
 from ..receivers.weighted.weights import mask_of
 from ..scene_files.depth_files import read_mask
@@ -117,7 +117,8 @@ def edge_weights(
         raise ValueError(f"lit: got shape {mask.shape}, expected (height, width)")
     if last_camera is not None:
         found, shared = _carried(mask, receivers, camera, last_camera)
-        checked("last_camera", shared, lambda v: v, "a camera that sees some of this frame's receivers")
+        if not is_traced(shared) and not bool(shared):
+            raise ValueError("last_camera: got one that sees none of this frame's receivers, expected it to see some")
         return found
     if receivers is not None and mask.shape != receivers.depth.shape:
         raise ValueError(f"lit: got shape {mask.shape}, expected the receivers' {receivers.depth.shape}")
