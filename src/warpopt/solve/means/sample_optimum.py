@@ -44,7 +44,7 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
     margin = rise(last, None)[0]
     # At an end of the range: the best node is the last, and the norm still falls towards it.
     no_warp = (~jnp.isfinite(found.above) & ~(margin > noise)) | nothing
-    unbounded = (found.below == 0) & ~(rise(jnp.log(floor), None)[0] < 0) & ~no_warp
+    unbounded = (found.below == 0) & ~(found.slope < 0) & ~no_warp
     inside = ~no_warp & ~unbounded
     middle = jnp.clip(jnp.log(found.eta), lower, upper)
     import optimistix as optx  # see `positive_root`
@@ -63,10 +63,11 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
     u, outcome, residual = settled(norm, root.value, eps)
     # Between its neighbours the best node may have a local minimum on either side of it: the node, which is within the
     # tolerance of the global minimum, is kept if the one that the root finder came to is the worse.
-    node = jnp.log(found.eta)
-    better = value_at(fixed, jax.lax.stop_gradient(u)) <= value_at(fixed, node) * (1 + noise)
+    node, positive = jnp.log(found.eta), jnp.where(found.value > 0, found.value, 1)
+    best = positive ** (1 / norm.order) * jnp.exp(fixed.log_scale)
+    better = value_at(fixed, jax.lax.stop_gradient(u)) <= best * (1 + noise)
     outcome = jnp.where(better, outcome, Outcome.stationary)
-    residual = jnp.where(better, residual, jnp.abs(rise(node, None)[0]))
+    residual = jnp.where(better, residual, jnp.abs(found.slope * found.eta / positive) / norm.order)
     u = jnp.where(inside, jnp.where(better, u, node), jnp.where(unbounded, jnp.log(floor), 0))
     outcome = jnp.where(inside, outcome, jnp.where(unbounded, Outcome.unbounded, Outcome.no_warp))
     outcome = jnp.where(fixed.footprint.flat, Outcome.flat, outcome)
@@ -114,7 +115,7 @@ def excess_of_cells(
     return jnp.where(ratio > 1, ratio, 1) ** (1 / norm.order) - 1
 
 
-_NEAR = 5  # nodes to begin with around the optimum
+_NEAR = 4  # nodes to begin with around the optimum
 
 
 def _narrowing(norm: SampleNorm, best_case: SampleNorm, eta: Array) -> Array:

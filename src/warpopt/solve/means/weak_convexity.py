@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from .sample_norm import Touch
 
-NODES = 17  # even in log(eta): E_p and E_q change by a factor of at most 1.8 between two for min_eta = 1e-4
+NODES = 16  # even in log(eta): E_p and E_q change by a factor of at most 1.9 between two for min_eta = 1e-4
 _TOGETHER = 4  # nodes added in one step
 _STEPS = 80
 TOLERANCE = 1e-6
@@ -19,13 +19,14 @@ class Minimum(NamedTuple):
     """The best of the nodes, its neighbours (0 and inf at the ends), and lower bounds between nodes.
 
     Attributes:
-        eta, value: of the best node.
+        eta, value, slope: of the best node.
         below, above: its neighbours, 0 and inf at the ends.
         starts, ends, bounds: of each interval between nodes, and a lower bound of the function there; inf for none.
     """
 
     eta: Float[Array, ""]
     value: Float[Array, ""]
+    slope: Float[Array, ""]
     below: Float[Array, ""]
     above: Float[Array, ""]
     starts: Float[Array, " I"]
@@ -52,11 +53,13 @@ def least(
     dtype = floor.dtype
     tolerance = max(tolerance, 32 * float(jnp.finfo(dtype).eps))
     touches = jax.vmap(touch)
+    begin = -(-count // _TOGETHER)  # the first steps, whose nodes are given
+    count = begin * _TOGETHER
     room, high = count + _TOGETHER * _STEPS, jnp.asarray(ceiling, dtype)
     first = floor * jnp.exp(jnp.linspace(0, 1, count, dtype=dtype) * jnp.log(high / floor))
     first = jnp.where(first < high, first, high).at[-1].set(high)
-    nodes = jnp.full(room, jnp.inf, dtype).at[:count].set(first)
-    found = jax.tree.map(lambda v: jnp.zeros(room, dtype).at[:count].set(v), touches(first))
+    nodes = jnp.full(room, jnp.inf, dtype)
+    found = Touch(*(jnp.zeros(room, dtype) for _ in Touch._fields))
 
     def bounds(nodes: Array, found: Touch) -> tuple[Array, Array]:
         """(each interval's lower bound, where it is attained); inf beyond the last node."""
@@ -79,15 +82,17 @@ def least(
 
     def unproved(state) -> Array:
         nodes, found, step = state
-        return (bounds(nodes, found)[0].min() < best(nodes, found) * (1 - tolerance)) & (step < _STEPS)
+        proved = bounds(nodes, found)[0].min() >= best(nodes, found) * (1 - tolerance)
+        return (step < begin) | (~proved & (step < begin + _STEPS))
 
     def refined(state):
         nodes, found, step = state
         lower, meeting = bounds(nodes, found)
         _, worst = jax.lax.top_k(-lower, _TOGETHER)
-        new = jnp.where(jnp.isfinite(lower[worst]), meeting[worst], jnp.inf)
+        given = jax.lax.dynamic_slice(first, (jnp.minimum(step, begin - 1) * _TOGETHER,), (_TOGETHER,))
+        new = jnp.where(step < begin, given, jnp.where(jnp.isfinite(lower[worst]), meeting[worst], jnp.inf))
         values = touches(jnp.where(jnp.isfinite(new), new, 1))
-        place = count + _TOGETHER * step + jnp.arange(_TOGETHER)
+        place = _TOGETHER * step + jnp.arange(_TOGETHER)
         nodes = nodes.at[place].set(new)
         found = jax.tree.map(lambda all_of, some: all_of.at[place].set(some), found, values)
         order = jnp.argsort(nodes)
@@ -98,4 +103,4 @@ def least(
     i = jnp.argmin(values)
     below = jnp.where(i > 0, nodes[i - 1], 0)
     above = nodes[jnp.minimum(i + 1, room - 1)]
-    return Minimum(nodes[i], values[i], below, above, nodes[:-1], nodes[1:], bounds(nodes, found)[0])
+    return Minimum(nodes[i], values[i], found.slope[i], below, above, nodes[:-1], nodes[1:], bounds(nodes, found)[0])
