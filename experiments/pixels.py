@@ -1,4 +1,4 @@
-"""What a warp is worth in pixels: wrong pixels of each warp over 120 frames, against the truth by ray casting.
+"""What a warp is worth in pixels: wrong pixels of each warp over some hundred frames, against the truth by ray casting.
 
     python experiments/pixels.py --directory runs/pixels            # measures; a killed run resumes
     python experiments/pixels.py --directory runs/pixels --page docs/pixels.md --images docs/images --readme README.md

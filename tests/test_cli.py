@@ -18,6 +18,7 @@ from warpopt.app import cli
 from warpopt.app.common import output
 from warpopt.app.common.settings import ConfigError, read_config
 from warpopt.app.compare.settings import CompareConfig, SceneCompareConfig
+from warpopt.app.frames.settings import FramesConfig
 from warpopt.app.scene.settings import SceneConfig
 from warpopt.app.sweep import run
 from warpopt.app.sweep.settings import RunConfig
@@ -121,7 +122,15 @@ def test_overrides_of_any_key(folder):
 @pytest.mark.parametrize("name", sorted(p.name for p in CONFIGS.glob("*.toml")))
 def test_shipped_configs_are_valid_and_say_what_they_answer(name):
     text = (CONFIGS / name).read_text()
-    model = SceneConfig if "[camera]" in text else TableConfig if "max_regret" in text else RunConfig
+    model = (
+        FramesConfig
+        if "[frames]" in text
+        else SceneConfig
+        if "[camera]" in text
+        else TableConfig
+        if "max_regret" in text
+        else RunConfig
+    )
     if "[rules]" in text:
         model = SceneCompareConfig if "[camera]" in text else CompareConfig
     assert isinstance(read_config(CONFIGS / name, [], model), model)

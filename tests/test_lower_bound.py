@@ -543,7 +543,7 @@ def test_maps_over_receivers_attain_their_limits():
         (lambda c, light: lower_bound(SceneView(c, light, "all"), Objective("p", "l2")), "receivers: got"),
         (lambda c, light: lower_bound(SceneView(c, light, POINTS), Objective("q", "l2")), "E_q in L_2"),
         (lambda c, light: lower_bound(SceneView(c, light, "all")), "receivers: got"),
-        (lambda c, light: lower_bound(SceneView(c, light, POINTS), Objective("max", "l2")), "expected 'inf' with"),
+        (lambda c, light: lower_bound(SceneView(c, light, POINTS), Objective("max", "l2")), "No lower bound is known"),
         (lambda c, light: lower_bound(SceneView(c, light, None), Objective("pxq")), "product"),
         (lambda c, light: lower_bound(SceneView(c, light), bins=0), "bins"),
     ],

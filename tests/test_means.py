@@ -563,3 +563,30 @@ def test_bad_input_is_refused_in_one_sentence(name):
     make, words = BAD[name]
     with pytest.raises(ValueError, match=words):
         make()
+
+
+def test_a_wide_bin_is_its_parts():
+    """One bin with a z ratio of 3600 against 24 bins of the same distribution."""
+    ends = np.geomspace(0.11, 400, 25)
+    whole, parts = DepthHistogram([0.11, 400.0], [1.0]), DepthHistogram(ends, np.diff(ends))
+    for objective in (Objective("edge"), Objective("p", "l2")):
+        one, other = (
+            warpopt.error_norm(view, warpopt.Warp.from_eta([3e-3, 0.05, 1.0], view.footprint()), objective)
+            for view in (SceneView(CAMERA, SUN, each, screen=SCREEN, shadow_map=MAP) for each in (whole, parts))
+        )
+        np.testing.assert_allclose(one, other, rtol=1e-3)
+
+
+@pytest.mark.parametrize("scale", [1e36, 1e-30])
+def test_the_scale_of_weights_does_not_matter(scale):
+    """Not even near the ends of single precision."""
+    points, weights, light = (v[5].astype(np.float32) for v in sets())
+    camera = jax.tree.map(lambda v: v.astype(jnp.float32), CAMERA)
+    for objective in (Objective("edge"), Objective("p", "l2")):
+        views = [
+            SceneView(camera, DirectionalLight(light), PointReceivers(points, each), screen=SCREEN, shadow_map=MAP)
+            for each in (weights, weights * np.float32(scale))
+        ]
+        warp = warpopt.Warp.from_eta(jnp.float32(0.1), views[0].footprint())
+        one, other = (warpopt.error_norm(view, warp, objective) for view in views)
+        np.testing.assert_allclose(one, other, rtol=1e-5)

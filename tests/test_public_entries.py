@@ -278,7 +278,7 @@ CASES = [
     Case("huge exponents", lambda: Metric(1e308, 1e308), "metric: got Metric(alpha=1e+308, beta=1e+308)"),
     Case("huge exponent", lambda: Metric(10**400, 0), "metric: got alpha = a huge integer"),
     *(Case(f"metric={v!r}", lambda v=v: Objective(v), "metric: got ") for v in ("r", 1.0, None, ["p"], Objective())),
-    *(Case(f"norm={v!r}", lambda v=v: Objective("p", v), "norm: got ") for v in ("l3", 0.5, NAN, True, None, [2])),
+    *(Case(f"norm={v!r}", lambda v=v: Objective("p", v), "norm: got ") for v in ("l3", 0.5, NAN, True, [2])),
     *(
         Case(f"measure={v!r}", lambda v=v: Objective("p", "l2", v), "measure: got ")
         for v in ("pixels", None, 2, ["screen"])

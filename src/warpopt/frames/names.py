@@ -3,7 +3,7 @@
 import difflib
 
 from .._words import shown
-from ..objective import METRICS, Objective
+from ..objective import METRICS, MOST_MOMENTS, Objective
 from ..rules.registry import EVERY
 
 STABLE = ("sphere", "sphere-receivers")
@@ -24,8 +24,15 @@ def objective_of(name: str) -> Objective | None:
     if name in ("none", "best") or (name in EVERY and name != "ssm"):
         return None
     metric, _, norm = name.partition("-") if isinstance(name, str) else ("", "", "")
-    if metric in METRICS and (norm or metric in ("edge", "band")):
-        return Objective(metric, norm or None)
+    if metric in METRICS and bool(norm) != (metric in ("edge", "band")):
+        objective = Objective(metric, norm or None)
+        degree = 0 if objective.supremum or objective.kernel is not None else objective.blend_degree
+        if degree != round(degree) or degree > MOST_MOMENTS:
+            raise ValueError(
+                f"got {shown(name)}, expected an order that makes (2 alpha + beta) times it an integer, at most "
+                f"{MOST_MOMENTS}"
+            )
+        return objective
     known = [*DEFAULT, *(rule for rule in EVERY if rule not in (*DEFAULT, "ssm"))]
     near = difflib.get_close_matches(str(name), known, 1)
     hint = f"; did you mean {near[0]!r}?" if near else ""

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..scene_files.scene_camera import SceneCamera, orientation, unit
+from ..scene_files.scene_camera import SceneCamera, unit
 from .light_rays import LitScene
 from .seen import Frame
 from .shadow_map import Reading, ShadowMap
@@ -42,16 +42,16 @@ def path(
     level = unit(forward - (forward @ _UP) * _UP + 1e-12 * camera.rotation[1])
     made = []
     for time in np.arange(count) / rate:
-        position, looks, sun = camera.position, forward, np.asarray(light, float)
+        position, angle, sun = camera.position, 0.0, np.asarray(light, float)
         if kind in ("walk", "look"):
             position = position + SPEED * time * level
         if kind == "turn":
-            looks = _about_up(forward, np.deg2rad(TURN) * time)
+            angle = np.deg2rad(TURN) * time
         if kind == "look":
-            looks = _about_up(forward, np.deg2rad(SWAY) * np.sin(np.pi * time))
+            angle = np.deg2rad(SWAY) * np.sin(np.pi * time)
         if kind == "sun":
             sun = _about_up(sun, np.deg2rad(SUN) * time)
-        turn = orientation(looks, camera.rotation[1] if abs(looks @ _UP) > 0.99 else _UP, "right")
+        turn = np.stack([_about_up(row, angle) for row in camera.rotation])  # with its own roll and handedness
         made.append((dataclasses.replace(camera, position=position, rotation=turn), sun))
     return made
 

@@ -80,9 +80,11 @@ def read_mask(path: Path) -> NDArray[np.bool_]:
     if values.dtype == np.bool_:
         return values
     if values.dtype.kind in "iu":
-        # Integers that are 0 and 1 alone are a mask already; others fill the range of their type.
-        most = 1 if values.max() <= 1 else np.iinfo(values.dtype).max
-        return values > most / 2
+        if ((values == 0) | (values == 1)).all():
+            return values == 1
+        if values.dtype.kind == "i" or values.dtype.itemsize > 2:
+            raise ValueError(f"{path}: got integers ({values.dtype}), expected 0 and 1, or 8 or 16 bits without a sign")
+        return values > np.iinfo(values.dtype).max / 2
     if not ((values >= 0) & (values <= 1)).all():
         raise ValueError(f"{path}: got {values[~((values >= 0) & (values <= 1))].flat[0]}, expected numbers in [0, 1]")
     return values > 0.5

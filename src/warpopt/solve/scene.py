@@ -58,6 +58,7 @@ def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]
         gap = jnp.zeros_like(value)
     unwarped = value_at(log_norm, jnp.zeros_like(value))
     value, unwarped, excess, gap = (jnp.where(footprint.empty, 0, v) for v in (value, unwarped, excess, gap))
+    gap = jnp.where(footprint.flat, 0, gap)  # the same for all eta
     finite = jnp.isfinite(value) & jnp.isfinite(optimum.log_eta)
     outcome = optimum.outcome
     if footprint.depth_weighted is not None:

@@ -29,6 +29,7 @@ class Parts:
         digest = hashlib.sha256(json.dumps([told, warpopt.__version__], sort_keys=True).encode())
         digest.update(np.ascontiguousarray(scene.triangles).tobytes())
         digest.update(repr([camera.key for camera in scene.cameras]).encode())
+        digest.update(repr(scene.lights).encode())
         directory = config.output.directory.absolute()
         self.folder = directory.parent / f".{directory.name}.{digest.hexdigest()[:16]}.parts"
         self.folder.mkdir(parents=True, exist_ok=True)

@@ -29,9 +29,11 @@ def _mean(records: Records, name: str, key: str) -> float:
 
 
 def _ratios(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """one/other where both are defined and not 0."""
-    good = (one > 0) & (other > 0)
-    return one[good] / other[good]
+    """one/other where both are defined; half of the least error for none, so that no frame is lost."""
+    good = np.isfinite(one) & np.isfinite(other)
+    every = np.concatenate([one[good], other[good]])
+    least = every[every > 0].min() / 2 if (every > 0).any() else 1.0
+    return np.maximum(one[good], least) / np.maximum(other[good], least)
 
 
 def _percent(value: float) -> str:

@@ -73,6 +73,8 @@ def read_scene(config: SceneSettings, folder: Path, images: bool = True) -> Scen
             cameras = [from_seed.camera(i, config.default_aspect()) for i in range(receivers.made.views)]
         keys = [camera.key for camera in cameras]
     lit = _masks(config, folder)
+    if lit and len(lit) != len(cameras):
+        raise ConfigError(f"weights.lit: got {len(lit)} for {len(cameras)} camera(s), expected one for each")
     if lit:  # two masks are two scenes
         keys = [(key, mask.tobytes()) for key, mask in zip(keys, lit, strict=True)]
     first = {key: keys.index(key) for key in keys}

@@ -315,9 +315,6 @@ class SceneSettings(Section):
                     f"objective.metrics: got a mean of {means[0]!r} with {receivers.kind}, expected {_PIXELS}, whose "
                     "pixels have weights"
                 )
-        lit = self.weights.lit
-        if lit is not None and len(lit) != max(len(self.camera), 1):
-            raise ValueError(f"weights.lit: got {len(lit)} for {len(self.camera)} camera(s), expected one for each")
         if depth is not None and len(depth.files) != len(self.camera):
             raise ValueError(
                 f"receivers.depth.files: got {len(depth.files)} for {len(self.camera)} camera(s), expected one for each"

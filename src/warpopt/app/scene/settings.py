@@ -28,11 +28,11 @@ class SceneConfig(SceneSettings):
     @pydantic.model_validator(mode="before")
     @classmethod
     def _by_what_is_known(cls, data: Any) -> Any:
-        """Without [objective] metrics: edges where a mask tells them; else, over pixels, depths stand for them."""
+        """Without metrics and norms: edges where a mask tells them; else, over pixels, depths stand for them."""
         if not isinstance(data, dict) or not all(isinstance(data.get(k, {}), dict) for k in _TABLES):
             return data
         receivers, objective, weights = (dict(data.get(key, {})) for key in _TABLES)
-        if "metrics" in objective or not {"depth", "gltf", "landscape", "made"} & set(receivers):
+        if {"metrics", "norms"} & set(objective) or not {"depth", "gltf", "landscape", "made"} & set(receivers):
             return data
         edges = "lit" in weights and weights.get("by", "edges") == "edges"
         if edges:

@@ -3,6 +3,7 @@
 from typing import Any, Protocol
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -64,7 +65,9 @@ class Weights(eqx.Module):
         """
         counted = seen if self.lit is None else seen & self.lit
         base = z if self.by_depth else jnp.ones_like(z) if self.values is None else self.values.astype(z.dtype)
-        weights = jnp.where(counted, base, 0)
+        # Only their ratios matter: products and powers stay in range for weights of any size.
+        largest = jax.lax.stop_gradient(jnp.where(counted, base, 0).max())
+        weights = jnp.where(counted, base, 0) / jnp.where(largest > 0, largest, 1)
         none = ~(weights > 0).any()
         instead = jnp.where(counted.any(), counted, seen)
         return jnp.where(none, jnp.where(instead, z, 0), weights), none & seen.any()
@@ -77,7 +80,8 @@ class Weights(eqx.Module):
 
 def _weights(weights: Any, shape: tuple[int, ...]) -> Array:
     weights = getattr(weights, "weights", weights)  # of an `EdgeWeights`
-    (weights,) = float_arrays(weights=weights)
+    kind = jnp.result_type(weights if hasattr(weights, "dtype") else np.asarray(weights))
+    (weights,) = float_arrays(weights=jnp.asarray(weights, float) if kind == np.dtype(bool) else weights)
     if weights.shape != shape:
         raise ValueError(f"weights: got shape {weights.shape}, expected {shape}, one for each receiver")
     return checked("weights", weights, lambda w: (w >= 0) & (w < np.inf), "finite numbers >= 0")
