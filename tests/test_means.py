@@ -446,9 +446,9 @@ def test_a_histogram_is_the_points_it_stands_for():
     assert optimal_warp(views[0], Objective("edge")).excess <= 1e-3
 
 
-@pytest.mark.parametrize("objective", OBJECTIVES[:2], ids=NAMES[:2])
-def test_gradients_are_those_of_differences(objective):
+def test_gradients_are_those_of_differences():
     """In the camera's height and a weight: through the optimum, implicitly."""
+    objective = Objective("edge")
     points, weights, light = (v[11] for v in sets())
 
     def solved(v):
@@ -464,8 +464,7 @@ def test_gradients_are_those_of_differences(objective):
     for k, step in enumerate(np.eye(2) * 1e-5):
         slope = (solved(at + step) - solved(at - step)) / 2e-5
         np.testing.assert_allclose(jacobian[:, k], slope, rtol=2e-5, atol=2e-7)
-    if objective.name == "edge":
-        np.testing.assert_allclose(jax.jacrev(solved)(at), jacobian, rtol=1e-9)
+    np.testing.assert_allclose(jax.jacrev(solved)(at), jacobian, rtol=1e-9)
 
 
 def test_gradients_reach_the_pixels():

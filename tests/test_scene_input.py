@@ -73,7 +73,7 @@ def test_gltf_nodes_and_camera_are_honoured(folder):
     text = toml("gltf = { file = 'scene.gltf', width = 96 }", camera="")
     told = run(text)
     assert told["cameras"][0]["far"] == 200.0
-    assert [told["problems"][0][key] for key in ("metric", "norm", "outcome")] == ["band", "l1", "stationary"]
+    assert told["problems"][0]["outcome"] == "tie"
     # The ground is 4 below the eye: z = 4 / -(y/z), from z = -4 to -38.
     depth = read_scene(read_config(Path("scene.toml"), [], SceneConfig), folder).depths[0]
     across, up = camera.slopes(HEIGHT, WIDTH)
@@ -310,3 +310,20 @@ def test_bad_input_is_told_and_nothing_is_written(folder, capsys, name):
     assert "Traceback" not in message
     assert len(message.splitlines()) <= 4, message
     assert {path.name for path in folder.iterdir()} == before
+
+
+def test_without_an_objective_what_is_known_decides():
+    """A mask's edges; over pixels alone the band by depth; a norm or a metric that is given, or a body, as always."""
+    plain = {"camera": {}, "light": {}, "output": {}}
+    mask = {"weights": {"lit": "mask.png"}}
+    cases = (
+        ({"receivers": {"depth": {}}}, mask, ("edge", "edges")),
+        ({"receivers": {"depth": {}}}, {}, ("band", "depth")),
+        ({"receivers": {"made": {}}}, {"weights": {"by": "uniform"}}, ("band", "uniform")),
+        ({"receivers": {"depth": {}}}, {"objective": {"norms": "inf"}}, (None, None)),
+        ({"receivers": {"box": {}}}, {}, (None, None)),
+    )
+    for receivers, more, (metric, by) in cases:
+        found = SceneConfig._by_what_is_known(plain | receivers | more)
+        assert found.get("objective", {}).get("metrics") == metric
+        assert found.get("weights", {}).get("by") == by
