@@ -4,7 +4,7 @@ The condition (a stationary point, a tie of two receivers, a kink of the width) 
 and just above; solving it gives the last digits and the derivatives.
 """
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .outcome import Outcome
 
 
+@runtime_checkable
 class Pieces(Protocol):
     """Which pieces are active at some u; an array or a tuple of arrays."""
 
@@ -25,6 +26,7 @@ class Pieces(Protocol):
         ...
 
 
+@runtime_checkable
 class PiecewiseLog(Protocol):
     """log of a norm."""
 

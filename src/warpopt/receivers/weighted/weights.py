@@ -1,6 +1,6 @@
 """What each receiver of a set counts for in a mean. Everything seen must fit into the map, whatever its weight."""
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -13,6 +13,7 @@ from ..._checks import Numbers, checked, float_arrays, shown
 NAMED = ("uniform", "depth")
 
 
+@runtime_checkable
 class HasWeights(Protocol):
     """An object with weights, such as what `warpopt.edge_weights` returns."""
 
