@@ -23,7 +23,7 @@ BOX = "box = { lower = [-20, 0, -80], upper = [20, 8, -5] }"
 
 def toml(receivers: str, light: str = "direction = [0.3, -1, -0.2]", camera: str = CAMERA, more: str = "") -> str:
     """A scene's configuration; E_p in L-inf if `more` names no objective: it compiles faster than the band."""
-    more = more if "[objective]" in more else "[objective]\nmetrics = 'p'\n" + more
+    more = more if "[objective]" in more or "[frames]" in more else "[objective]\nmetrics = 'p'\n" + more
     camera = camera and f"[camera]\n{camera}\n"
     return f"{camera}[light]\n{light}\n[receivers]\n{receivers}\n{more}\n[output]\ndirectory = 'out'\nfigures = false\n"
 

@@ -138,7 +138,7 @@ def test_a_path_is_measured_for_every_method():
     (settings(more="fit = 'camera'"), "frames.fit"),
     (settings(more="path = { kind = 'walk', methods = ['best'] }"), "a warp that does not need the truth"),
     (settings(more="[objective]\nmetrics = ['p']"), "objective: got one, expected objectives by name in frames.warps"),
-    (toml("box = { lower = [0, 0, -9], upper = [1, 1, -8] }"), "receivers: got box without a shadow caster"),
+    (toml("box = { lower = [0, 0, -9], upper = [1, 1, -8] }", more="[frames]"), "receivers: got box without a shadow caster"),
     (settings().replace("corridor", "desert"), "receivers.made.scene"),
 ])  # fmt: skip
 def test_bad_settings_are_refused_in_a_sentence(text, words, capsys):
@@ -152,7 +152,7 @@ def test_bad_settings_are_refused_in_a_sentence(text, words, capsys):
 def test_a_scene_without_a_caster_or_a_sun_is_refused(capsys):
     gltf = str(Path(__file__).parent / "cases/instancing.gltf")
     camera = "position = [0, 2, 9]\nforward = [0, 0, -1]\nnear = 0.1\nfar = 50.0\nhalf_fov_deg = 20.0"
-    assert invoke(toml(f"gltf = {{ file = '{gltf}', include = 'nothing' }}", camera=camera)) == 2
+    assert invoke(toml(f"gltf = {{ file = '{gltf}', include = 'nothing' }}", camera=camera, more="[frames]")) == 2
     assert "receivers.gltf.file: " in (told := capsys.readouterr().err)
     assert "got no triangle" in told
     night = "path = { kind = 'sun', latitude_deg = 80.0, day = 355, count = 2 }"
