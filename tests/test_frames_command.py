@@ -138,7 +138,7 @@ def test_a_path_is_measured_for_every_method():
     (settings(more="fit = 'camera'"), "frames.fit"),
     (settings(more="path = { kind = 'walk', methods = ['best'] }"), "a warp that does not need the truth"),
     (settings(more="[objective]\nmetrics = ['p']"), "objective: got one, expected objectives by name in frames.warps"),
-    (toml("box = { lower = [0, 0, -9], upper = [1, 1, -8] }", more="[frames]"), "receivers: got box without a shadow caster"),
+    (toml("box = { lower = [0, 0, -9], upper = [1, 1, -8] }", more="[frames]"), "got box without a shadow caster"),
     (settings().replace("corridor", "desert"), "receivers.made.scene"),
 ])  # fmt: skip
 def test_bad_settings_are_refused_in_a_sentence(text, words, capsys):
