@@ -170,7 +170,7 @@ MUTATIONS = (
              "edge_weights", "behind"),
     Mutation("render/edge_weights.py", "turn = -turn if rendered", "turn = turn if rendered", "edge_weights",
              "shadows"),
-    Mutation("render/edge_weights.py", "_edges(faces & (", "_edges((", "edge_weights", "shadows"),
+    Mutation("render/edge_weights.py", "edges_between(faces & (", "edges_between((", "edge_weights", "shadows"),
     Mutation("render/edge_weights.py", "(depth - bias <= stored)", "(depth <= stored)", "edge_weights", "shadows"),
     Mutation("render/edge_weights.py", "bias = _widest(jnp.where(seen & faces, bias, 0))", "bias = bias",
              "edge_weights", "shadows"),

@@ -184,6 +184,12 @@ class Objective:
         return math.isinf(self.order)
 
     @property
+    def over_receivers(self) -> bool:
+        """Whether receivers have it: a maximum, a mean of a size, or an order whose moments are few and exact."""
+        degree = 0 if self.supremum or self.kernel is not None else self.blend_degree
+        return degree == round(degree) and degree <= MOST_MOMENTS
+
+    @property
     def has_alpha(self) -> bool:
         """Whether some term grows as eta falls, so that only the dtype limits eta from below."""
         return any(term.alpha for term in self.terms)

@@ -12,9 +12,8 @@ from ..receivers.convex_body import ConvexBody
 from ..receivers.depth_buffer import DepthBuffer
 from ..receivers.receivers import Receivers
 from ..render.shadow_matrix import shadow_matrix
-from ..scene_files.scene_camera import SceneCamera
 from ..solve.optimal_warp import optimal_warp
-from ..theory.camera import Camera, DirectionalLight
+from ..theory.camera import DirectionalLight, camera_of
 from ..theory.warp import Warp
 from ..views import SceneView
 from .light_rays import LitScene
@@ -65,7 +64,7 @@ class Fitting:
         if not np.isfinite(frame.depth).any():
             raise ValueError("frame: got only background, expected a surface that the camera sees")
         self.scene, self.frame, self.size, self.fit = scene, frame, size, fit
-        self._camera = library_camera(frame.camera)
+        self._camera = camera_of(frame.camera)
         self._views: dict[str, SceneView] = {}
 
     def view(self, kind: str) -> SceneView:
@@ -156,11 +155,3 @@ def edge_weights(scene: LitScene, frame: Frame, unwarped: Fitted) -> Float[np.nd
     """1 on judged pixels beside a shadow's edge in an unwarped map of the same frame, of 512 x 512 texels; else 0."""
     shown = ShadowMap(scene, unwarped.matrix, (_MASK, _MASK)).visibility(frame, Reading())
     return edges_of(frame.judged, frame.image(shown > 0.5, False)).astype(float)
-
-
-def library_camera(camera: SceneCamera) -> Camera:
-    """The library's camera."""
-    _, up, forward = camera.rotation
-    return Camera.off_centre(
-        camera.position, forward, up, camera.near, camera.far, camera.window, handedness=camera.handedness
-    )

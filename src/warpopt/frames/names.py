@@ -26,8 +26,7 @@ def objective_of(name: str) -> Objective | None:
     metric, _, norm = name.partition("-") if isinstance(name, str) else ("", "", "")
     if metric in METRICS and bool(norm) != (metric in ("edge", "band")):
         objective = Objective(metric, norm or None)
-        degree = 0 if objective.supremum or objective.kernel is not None else objective.blend_degree
-        if degree != round(degree) or degree > MOST_MOMENTS:
+        if not objective.over_receivers:
             raise ValueError(
                 f"got {shown(name)}, expected an order that makes (2 alpha + beta) times it an integer, at most "
                 f"{MOST_MOMENTS}"

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
+from ..render.edge_weights import edges_between
 from ..scene_files.scene_camera import SceneCamera
 from .light_rays import LitScene
 
@@ -70,13 +71,7 @@ class Frame:
 
 def edges_of(judged: Bool[np.ndarray, "H W"], lit: Bool[np.ndarray, "H W"]) -> Bool[np.ndarray, "H W"]:
     """Pixels beside a shadow's edge in a mask: of both sides, among judged pixels."""
-    edge = np.zeros(judged.shape, bool)
-    for axis in (0, 1):
-        one, other = (tuple(slice(*ends) if k == axis else slice(None) for k in (0, 1)) for ends in ((1, None), (-1,)))
-        differs = judged[one] & judged[other] & (lit[one] != lit[other])
-        edge[one] |= differs
-        edge[other] |= differs
-    return edge
+    return np.asarray(edges_between(lit, judged))
 
 
 def see(scene: LitScene, camera: SceneCamera, height: int, width: int) -> Frame:

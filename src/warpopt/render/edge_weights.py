@@ -130,7 +130,7 @@ def _beside(lit: Bool[Array, "H W"], receivers: DepthBuffer | None, camera: Came
     seen = jnp.ones(lit.shape, bool)
     if receivers is not None and camera is not None:
         seen = jnp.isfinite(receivers.eye_depth(camera))
-    return _weights(_edges(lit, seen))
+    return _weights(edges_between(lit, seen))
 
 
 def _weights(beside: Bool[Array, "H W"]) -> EdgeWeights:
@@ -138,8 +138,9 @@ def _weights(beside: Bool[Array, "H W"]) -> EdgeWeights:
     return EdgeWeights(weights, weights.mean())
 
 
-def _edges(lit: Array, seen: Array) -> Array:
-    """Which pixels have a neighbour of the other kind, both visible."""
+@jax.jit
+def edges_between(lit: Bool[Array, "H W"], seen: Bool[Array, "H W"]) -> Bool[Array, "H W"]:
+    """Pixels of both sides of a mask's edges, across or up, both visible."""
     beside = jnp.zeros(lit.shape, bool)
     for axis in (0, 1):
         one, other = (jax.lax.slice_in_dim(lit, i, lit.shape[axis] - 1 + i, axis=axis) for i in (0, 1))
@@ -157,7 +158,7 @@ def _carried(
     lit: Array, receivers: DepthBuffer, camera: Camera, last_camera: Camera
 ) -> tuple[EdgeWeights, Bool[Array, ""]]:
     """(weights, whether the last camera sees any receiver)."""
-    edges = _edges(lit, jnp.ones(lit.shape, bool))
+    edges = edges_between(lit, jnp.ones(lit.shape, bool))
     points, seen = eye_points(receivers, camera)
     at = last_camera.to_eye(_to_world(camera, points))
     left, right, bottom, top = last_camera.window
@@ -189,7 +190,7 @@ def _of_map(rendered: RenderedMap, receivers: DepthBuffer, camera: Camera) -> Ed
     faces = facing * turn >= 0
     # A texel at the foot of a wall holds the wall's depth, for pixels of the floor too.
     bias = _widest(jnp.where(seen & faces, bias, 0))
-    return _weights(_edges(faces & (~inside | (depth - bias <= stored)), seen))
+    return _weights(edges_between(faces & (~inside | (depth - bias <= stored)), seen))
 
 
 def _widest(values: Float[Array, "H W"]) -> Array:

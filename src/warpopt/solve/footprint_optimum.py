@@ -22,7 +22,7 @@ from ..receivers.footprint import Footprint
 from ..receivers.moments import Moments
 from ..theory.light_space import LightDepth
 from .outcome import Outcome
-from .pieces import Optimum, settled
+from .pieces import Optimum, settled, slope_at, zero_of_slope
 
 
 class Term(eqx.Module):
@@ -165,13 +165,10 @@ def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> Optimum:
     floor = min_eta.astype(dtype) if unbounded_below else jnp.asarray(eps**2, dtype)
     lower, upper = jnp.log(floor), jnp.asarray(-4 * eps**0.5, dtype)
 
-    def rise(u, _):
-        return fixed.slope(u, fixed.active(u)), None
-
     # Slopes are sums of a few terms of order one: below this bound they are rounding, and the minimum is flat.
     noise = 16 * eps
     # Mapped, here and below, so that each formula is compiled once: compiling takes most of a first call.
-    margin, at_floor = jax.vmap(lambda u: rise(u, None)[0])(jnp.stack([upper, lower]))
+    margin, at_floor = jax.vmap(lambda u: slope_at(fixed, u))(jnp.stack([upper, lower]))
     # Receivers all on W's axis have no lateral error: E_q and E_pxq are zero for every warp.
     sides = fixed.footprint.sides
     nothing = fixed.footprint.flat | fixed.footprint.empty
@@ -179,22 +176,9 @@ def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> Optimum:
         nothing = nothing | ~(jnp.maximum(sides.right.max(), sides.left.max()) > 0)
     helps = (margin > noise) & ~nothing
     inside = helps & (at_floor < 0)
-    middle = (lower + upper) / 2
-    import optimistix as optx  # see `positive_root`
-
-    from .bracketed_newton import BracketedNewton
-
-    root = optx.root_find(
-        lambda u, _: (jnp.where(inside, rise(u, None)[0] - noise, u - middle), None),
-        BracketedNewton(rtol=0.5 * eps**0.5, atol=0.0),
-        middle,
-        options={"lower": lower, "upper": upper},
-        has_aux=True,
-        max_steps=256,
-        throw=False,
-    )
-    u, outcome, residual = settled(log_norm, root.value, eps)
-    outcome = jnp.where(root.stats["converged"], outcome, Outcome.not_converged)
+    root, converged = zero_of_slope(fixed, inside, (lower + upper) / 2, lower, upper, noise)
+    u, outcome, residual = settled(log_norm, root, eps)
+    outcome = jnp.where(converged, outcome, Outcome.not_converged)
     u = jnp.where(inside, u, jnp.where(helps, lower, 0))
     outcome = jnp.where(inside, outcome, jnp.where(helps, Outcome.unbounded, Outcome.no_warp))
     outcome = jnp.where(fixed.footprint.flat, Outcome.flat, outcome)

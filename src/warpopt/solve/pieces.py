@@ -52,6 +52,39 @@ class Optimum(NamedTuple):
     margin: Float[Array, ""]
 
 
+def slope_at(log_norm: PiecewiseLog, u: Float[Array, ""]) -> Float[Array, ""]:
+    """d log(norm) / du at u."""
+    return log_norm.slope(u, log_norm.active(u))
+
+
+def zero_of_slope(
+    log_norm: PiecewiseLog, inside: Bool[Array, ""], start: Array, lower: Array, upper: Array, noise: float
+) -> tuple[Float[Array, ""], Bool[Array, ""]]:
+    """(where the slope passes `noise` from below, whether it was found), without derivatives.
+
+    Args:
+        log_norm: with its derivatives stopped.
+        inside: whether there is a zero to find; else `start` comes back.
+        start: where the search begins.
+        lower, upper: where it ends.
+        noise: slopes below it are rounding.
+    """
+    import optimistix as optx  # see `positive_root`
+
+    from .bracketed_newton import BracketedNewton
+
+    root = optx.root_find(
+        lambda u, _: (jnp.where(inside, slope_at(log_norm, u) - noise, u - start), None),
+        BracketedNewton(rtol=0.5 * float(jnp.finfo(lower.dtype).eps) ** 0.5, atol=0.0),
+        start,
+        options={"lower": lower, "upper": upper},
+        has_aux=True,
+        max_steps=256,
+        throw=False,
+    )
+    return root.value, root.stats["converged"]
+
+
 def settled(log_norm: PiecewiseLog, found: Array, eps: float) -> tuple[Array, Array, Array]:
     """(u, outcome, residual): one Newton step on the condition at the root, which carries the derivatives.
 

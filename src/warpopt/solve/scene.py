@@ -29,18 +29,16 @@ def settled_scene(view: SceneView, objective: Objective) -> SceneView:
             a user's receivers that none can have.
     """
     one_light(view)
-    if objective.kernel is not None:
+    if objective.over_receivers:
         return settled(view, objective)
-    if not (objective.supremum or objective.blend_degree == round(objective.blend_degree)):
+    if objective.blend_degree != round(objective.blend_degree):
         raise ValueError(
             f"norm: got order {objective.order:g} over receivers, expected one with (2 alpha + beta) order an integer"
         )
-    if not objective.supremum and objective.blend_degree > MOST_MOMENTS:
-        raise ValueError(
-            f"norm: got order {objective.order:g} over receivers, expected (2 alpha + beta) order at most "
-            f"{MOST_MOMENTS}, or inf"
-        )
-    return settled(view, objective)
+    raise ValueError(
+        f"norm: got order {objective.order:g} over receivers, expected (2 alpha + beta) order at most {MOST_MOMENTS}, "
+        "or inf"
+    )
 
 
 @functools.partial(jax.jit, static_argnames=("objective",))

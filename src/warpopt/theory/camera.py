@@ -7,6 +7,7 @@ from jaxtyping import Array, Float
 
 from .._checks import Numbers, checked, float_arrays, points_of
 from .._words import one_of, shown
+from ..scene_files.scene_camera import SceneCamera
 
 
 class Camera(eqx.Module):
@@ -246,3 +247,9 @@ def _rotation(forward: Array, up: Array, handedness: str) -> Array:
     )
     right = right / size
     return jnp.stack([right, side * jnp.cross(right, forward), forward])
+
+
+def camera_of(seen: SceneCamera) -> Camera:
+    """The camera of a scene's file or settings."""
+    _, up, forward = seen.rotation
+    return Camera.off_centre(seen.position, forward, up, seen.near, seen.far, seen.window, handedness=seen.handedness)

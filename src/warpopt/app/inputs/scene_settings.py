@@ -236,18 +236,15 @@ class SceneObjective(Section):
             raise ValueError("got one of screen and shadow_map, expected both or neither")
         for metric, norm in itertools.product(self.metrics, self.norms or [None]):
             objective = Objective(metric, norm, self.measure)
-            if objective.kernel is not None:
+            if objective.over_receivers:
                 continue
-            if not objective.supremum and objective.blend_degree % 1:
+            if objective.blend_degree % 1:
                 raise ValueError(
                     f"norms: got order {norm}, expected one that makes {objective.metric.blend_power:g} times it an "
                     f"integer for metric {metric!r}"
                 )
-            if not objective.supremum and objective.blend_degree > MOST_MOMENTS:
-                largest = MOST_MOMENTS / objective.metric.blend_power
-                raise ValueError(
-                    f"norms: got order {norm}, expected at most {largest:g} for metric {metric!r}, or 'inf'"
-                )
+            largest = MOST_MOMENTS / objective.metric.blend_power
+            raise ValueError(f"norms: got order {norm}, expected at most {largest:g} for metric {metric!r}, or 'inf'")
         return self
 
     def objectives(self) -> list[Objective]:

@@ -6,30 +6,28 @@ import numpy as np
 
 import warpopt
 from warpopt.receivers import ConvexBody, DepthBuffer, Receivers, WholeFrustum
+from warpopt.theory.camera import camera_of
 
-from ...scene_files.scene_camera import SceneCamera
 from ..common.settings import ConfigError
 from .scene_files import SceneInput
 from .scene_settings import SceneSettings
 
 
-def camera_of(camera: SceneCamera) -> "warpopt.Camera":
-    """The library's camera."""
-    _, up, forward = camera.rotation
-    return warpopt.Camera.off_centre(
-        camera.position, forward, up, camera.near, camera.far, camera.window, handedness=camera.handedness
-    )
+def buffer_of(scene: SceneInput, i: int) -> DepthBuffer | None:
+    """What camera i sees, if the scene has depth images."""
+    return DepthBuffer(scene.depths[i], scene.encoding) if scene.depths else None
 
 
-def buffer_of(config: SceneSettings, scene: SceneInput, i: int) -> DepthBuffer | None:
-    """What camera i sees, with the pixels' weights, if the scene has depth images."""
-    if not scene.depths:
+def weighted(config: SceneSettings, scene: SceneInput, i: int) -> DepthBuffer | None:
+    """`buffer_of` with the pixels' weights."""
+    plain = buffer_of(scene, i)
+    if plain is None:
         return None
-    depth, lit = scene.depths[i], scene.lit[i] if scene.lit else None
+    lit = scene.lit[i] if scene.lit else None
     if config.weights.by == "edges" and lit is not None:
-        plain = DepthBuffer(depth, scene.encoding)
-        return DepthBuffer(depth, scene.encoding, warpopt.edge_weights(lit, plain, camera_of(scene.cameras[i])))
-    return DepthBuffer(depth, scene.encoding, config.weights.by, lit)
+        edges = warpopt.edge_weights(lit, plain, camera_of(scene.cameras[i]))
+        return DepthBuffer(scene.depths[i], scene.encoding, edges)
+    return DepthBuffer(scene.depths[i], scene.encoding, config.weights.by, lit)
 
 
 def body_of(config: SceneSettings) -> ConvexBody | None:
@@ -42,7 +40,7 @@ def body_of(config: SceneSettings) -> ConvexBody | None:
 
 def receivers_of(config: SceneSettings, scene: SceneInput, i: int) -> Receivers:
     """The receivers of camera i."""
-    return buffer_of(config, scene, i) or body_of(config) or WholeFrustum()
+    return weighted(config, scene, i) or body_of(config) or WholeFrustum()
 
 
 def views_of(config: SceneSettings, scene: SceneInput) -> "list[warpopt.SceneView]":

@@ -11,12 +11,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 import warpopt
+from warpopt.theory.camera import camera_of
 
 from ..common import figure_style as style
 from ..common.error_maps import Seen, errors, image_of, section_of, shading
 from ..common.words import phrase
 from ..inputs.scene_files import SceneInput
-from ..inputs.scene_values import body_of, buffer_of, camera_of
+from ..inputs.scene_values import body_of, buffer_of
 from .settings import SceneConfig
 from .solve import Solved
 
@@ -72,7 +73,7 @@ def write_scene_figures(
 
 def seen_of(config: SceneConfig, scene: SceneInput, s: Solved) -> Seen:
     """The image if there is one, otherwise a section along the light: bodies have no visible surface."""
-    camera, buffer, body = scene.cameras[s.camera], buffer_of(config, scene, s.camera), body_of(config)
+    camera, buffer, body = scene.cameras[s.camera], buffer_of(scene, s.camera), body_of(config)
     if buffer is not None:
         return image_of(camera, np.asarray(buffer.eye_depth(camera_of(camera))))
     planes = np.zeros((0, 4)) if body is None else np.asarray(body.planes)

@@ -102,12 +102,10 @@ class SampleNorm(eqx.Module):
     def touch(self, eta: Float[Array, ""]) -> Touch:
         """The parabola that touches J at eta."""
         width, widening = self._widening(eta)
-        samples = self.samples
 
         def mean(eta: Array, width: Array, more: Array) -> Array:
             e_p, sigma, e_q = self._texels(eta, width)
-            e_q = e_q + more * samples.depth.one_minus_delta
-            return (samples.weight * power(KERNELS[self.kernel](e_p, sigma, e_q), self.order)).sum()
+            return self._sum(e_p, sigma, e_q + more * self.samples.depth.one_minus_delta)
 
         # One pass backwards for all three: compiling takes most of a first call.
         value, (by_eta, by_width, rise) = jax.value_and_grad(mean, (0, 1, 2))(eta, width, jnp.zeros_like(eta))

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..outcome import Outcome
-from ..pieces import Optimum, settled, value_at
+from ..pieces import Optimum, settled, slope_at, value_at, zero_of_slope
 from .sample_norm import SampleNorm
 from .weak_convexity import TOLERANCE, Minimum, least
 
@@ -33,34 +33,19 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
     found = least(fixed.touch, floor)
     nothing = fixed.footprint.flat | fixed.footprint.empty | ~(found.value > 0)
 
-    def rise(u, _):
-        return fixed.slope(u, fixed.active(u)), None
-
     noise = 16 * eps
     last = jnp.asarray(-4 * eps**0.5, dtype)
     lower = jnp.log(jnp.where(found.below > 0, found.below, floor))
     upper = jnp.where(jnp.isfinite(found.above), jnp.log(jnp.where(jnp.isfinite(found.above), found.above, 1)), last)
     upper = jnp.where(upper > last, last, upper)
-    margin = rise(last, None)[0]
+    margin = slope_at(fixed, last)
     # At an end of the range: the best node is the last, and the norm still falls towards it.
     no_warp = (~jnp.isfinite(found.above) & ~(margin > noise)) | nothing
     unbounded = (found.below == 0) & ~(found.slope < 0) & ~no_warp
     inside = ~no_warp & ~unbounded
     middle = jnp.clip(jnp.log(found.eta), lower, upper)
-    import optimistix as optx  # see `positive_root`
-
-    from ..bracketed_newton import BracketedNewton
-
-    root = optx.root_find(
-        lambda u, _: (jnp.where(inside, rise(u, None)[0] - noise, u - middle), None),
-        BracketedNewton(rtol=0.5 * eps**0.5, atol=0.0),
-        middle,
-        options={"lower": lower, "upper": upper},
-        has_aux=True,
-        max_steps=256,
-        throw=False,
-    )
-    u, outcome, residual = settled(norm, root.value, eps)
+    root, _ = zero_of_slope(fixed, inside, middle, lower, upper, noise)
+    u, outcome, residual = settled(norm, root, eps)
     # Between its neighbours the best node may have a local minimum on either side of it: the node, which is within the
     # tolerance of the global minimum, is kept if the one that the root finder came to is the worse.
     node, positive = jnp.log(found.eta), jnp.where(found.value > 0, found.value, 1)
