@@ -59,10 +59,11 @@ def brute(points, weights, light, objective, etas, screen=SCREEN, shadow_map=MAP
     x = x - np.clip(0, x.min(), x.max())
     mu = np.ptp(d)
     delta = (d - d.min()) / mu
-    # Pixels to a unit of slope along X_w's and Z_w's images on the screen, which are perpendicular.
+    # Pixels to a unit of slope along X_w's image on the screen, and across it: their product is a pixel's area.
     per_slope = np.array(screen) / (2 * np.tan(0.4) * np.array([1.6, 1]))
     right, up = np.cross(axis, towards)[:2]
-    across, along = np.hypot(right * per_slope[0], up * per_slope[1]), np.hypot(up * per_slope[0], right * per_slope[1])
+    across = np.hypot(right * per_slope[0], up * per_slope[1]) / np.hypot(right, up)
+    along = per_slope.prod() / across
     counted = weights > 0
     eta = np.atleast_1d(etas)[:, None]
     blend = (1 - delta) * eta + delta

@@ -254,9 +254,9 @@ def test_the_gradient_is_frozen_where_light_and_view_are_parallel():
 def test_errors_are_what_the_matrix_does_to_pixels_and_texels(eta):
     """Densities against derivatives of the matrix: pixels that are no squares, t != s and a light that rolls the map.
 
-    Along Z_w, the direction in which s alone depends on a point, and along X_w: pixels that a step across the view
-    moves on the screen, over texels that a step in space moves in the map. Killed: t in the place of s, width of
-    height.
+    Along X_w, and for Z_w, the direction in which s alone depends on a point, across X_w's image: pixels that a step
+    moves on the screen, over texels that a step in space moves in the map. So E_p E_q is an area, also where pixels
+    are no squares. Killed: t in the place of s, width of height.
     """
     columns, rows, texels = 1920, 1080, np.array([2048, 640])
     window = np.array([-0.5, 0.9, -0.4, 0.3])
@@ -274,7 +274,9 @@ def test_errors_are_what_the_matrix_does_to_pixels_and_texels(eta):
     pixels = np.array([columns / (window[1] - window[0]), rows / (window[3] - window[2])])
     for eye in np.array([[0.1, -0.2, 1.0], [3.0, 2.0, 12.0], [-20.0, 10.0, 70.0]]):
         moved = np.asarray(jax.jacfwd(texel, 1)(matrix, jnp.asarray(eye)))
-        for metric, axis, texels_moved in (("q", x_axis, moved[0] @ x_axis), ("p", z_axis, moved[1] @ z_axis)):
-            across = axis[:2] / np.linalg.norm(axis[:2])
-            exact = np.linalg.norm(across * pixels) / eye[2] / abs(texels_moved)
+        row, column = (axis[:2] / np.linalg.norm(axis[:2]) * pixels / eye[2] for axis in (x_axis, z_axis))
+        height = abs(row[0] * column[1] - row[1] * column[0]) / np.linalg.norm(row)
+        for metric, exact in (
+            ("q", np.linalg.norm(row) / abs(moved[0] @ x_axis)), ("p", height / abs(moved[1] @ z_axis)),
+        ):  # fmt: skip
             assert float(solution.aliasing_error(eye, metric, eta)) == pytest.approx(exact, rel=1e-11), metric

@@ -7,7 +7,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from .._checks import Numbers, checked, float_arrays, instance, is_traced
+from .._checks import Numbers, assembled, checked, float_arrays, instance, is_traced
 from .camera import Camera, DirectionalLight
 
 
@@ -21,8 +21,11 @@ class LightFrame(eqx.Module):
         x_axis, z_axis, light: (3,) unit vectors in eye coordinates.
         theta: angle between light and view, radians in [0, pi].
         parallel: whether Z_w is fixed to the screen's down axis.
-        density_p, density_q: screen units per unit slope (x/z, y/z) along the screen images of Z_w and X_w.
-        pixel_ratio: a length on the screen along X_w's image over the same along Z_w's, in pixels; 1 for square pixels.
+        density_p, density_q: screen units per unit slope (x/z, y/z), across X_w's screen image and along it: E_p E_q is
+            the texel's area for pixels of any shape.
+        pixel_ratio: a length along X_w's image over the same across it, in pixels; 1 for square pixels.
+        pixels: (2, 2), the screen images of X_w and Z_w as columns, in screen units per unit slope.
+        texels: of the map along (t, s); (1, 1) without resolutions.
 
     Example:
         >>> import warpopt
@@ -40,6 +43,8 @@ class LightFrame(eqx.Module):
     density_p: Float[Array, ""]
     density_q: Float[Array, ""]
     pixel_ratio: Float[Array, ""]
+    pixels: Float[Array, "2 2"]
+    texels: Float[Array, "2"]
 
     def __init__(
         self,
@@ -64,7 +69,7 @@ class LightFrame(eqx.Module):
         instance("light", light, DirectionalLight)
         if not is_traced(screen, shadow_map):
             screen, shadow_map = resolutions(screen, shadow_map)
-        width, height, t, s = _densities(camera, screen, shadow_map)
+        width, height, t, s = _screen_scale(camera, screen, shadow_map)
         l = camera.rotation @ light.direction.astype(camera.rotation.dtype)  # noqa: E741, the paper's letter
         # v = (0, 0, 1): v - l (l.v) = (-lx lz, -ly lz, lx^2 + ly^2), whose length is sin(theta).
         sine_squared = l[0] ** 2 + l[1] ** 2
@@ -85,10 +90,47 @@ class LightFrame(eqx.Module):
         self.x_axis, self.z_axis, self.light = x_axis, z_axis, l
         self.theta = jnp.where(parallel, jnp.where(l[2] < 0, jnp.pi, 0.0), jnp.arctan2(sine, l[2]))
         self.parallel = parallel
+        # Lengths on the light plane are taken for lengths on the screen, turned so that X_w is along its own image.
         dx, dy = x_axis[0], x_axis[1]
-        across = jnp.sqrt((dx * width) ** 2 + (dy * height) ** 2)
-        along = jnp.sqrt((dy * width) ** 2 + (dx * height) ** 2)
-        self.density_q, self.density_p, self.pixel_ratio = across / t, along / s, across / along
+        self.pixels = jnp.stack([jnp.stack([dx * width, dy * height]), jnp.stack([dy * width, -dx * height])], -1)
+        self.texels = jnp.stack([jnp.asarray(v, l.dtype) for v in (t, s)])
+        self.density_p, self.density_q, self.pixel_ratio = _densities(self.pixels, self.texels)
+
+    def turned(self, cosine: Float[Array, ""], sine: Float[Array, ""]) -> "LightFrame":
+        """The frame whose Z_w is this one's, turned about the light towards X_w by an angle with that cosine and sine.
+
+        Example:
+            >>> import jax.numpy as jnp, warpopt
+            >>> camera = warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=100.0, half_fov=0.5)
+            >>> frame = LightFrame(camera, warpopt.DirectionalLight((0, -1, 0))).turned(jnp.zeros(()), jnp.ones(()))
+            >>> [abs(float(v)) for v in frame.z_axis]   # warped across the view instead of along it
+            [1.0, 0.0, 0.0]
+        """
+        x_axis = cosine * self.x_axis - sine * self.z_axis
+        z_axis = cosine * self.z_axis + sine * self.x_axis
+        across, along = self.pixels.T
+        pixels = jnp.stack([cosine * across - sine * along, cosine * along + sine * across], -1)
+        return assembled(
+            LightFrame, x_axis=x_axis, z_axis=z_axis, light=self.light, theta=self.theta, parallel=self.parallel,
+            pixels=pixels, texels=self.texels,
+            **dict(zip(("density_p", "density_q", "pixel_ratio"), _densities(pixels, self.texels), strict=True)),
+        )  # fmt: skip
+
+    def towards(self, vector: Float[Array, "3"]) -> "LightFrame":
+        """The frame whose Z_w is a vector in eye coordinates projected along the light; this one where none is left."""
+        ahead, aside = self.z_axis @ vector, self.x_axis @ vector
+        square = ahead * ahead + aside * aside
+        # What rounding leaves of a vector along the light has no direction.
+        usable = square > jnp.finfo(square.dtype).eps * (vector * vector).sum()
+        length = jnp.sqrt(jnp.where(usable, square, 1))
+        return self.turned(jnp.where(usable, ahead / length, 1), jnp.where(usable, aside / length, 0))
+
+    def shared(self, shares: Float[Array, "2"]) -> "LightFrame":
+        """The frame of a map whose texels along (t, s) are multiplied by these factors."""
+        p, q, ratio = _densities(self.pixels, self.texels * shares)
+        return eqx.tree_at(
+            lambda f: (f.density_p, f.density_q, f.pixel_ratio, f.texels), self, (p, q, ratio, self.texels * shares)
+        )
 
     def depth(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
         """Z_w . c for points in eye coordinates."""
@@ -130,7 +172,16 @@ def resolutions(
     return pair[0], pair[1]
 
 
-def _densities(
+def _densities(pixels: Array, texels: Array) -> tuple[Array, Array, Array]:
+    """(density_p, density_q, pixel_ratio)."""
+    (ax, bx), (ay, by) = pixels
+    along = jnp.sqrt(ax * ax + ay * ay)
+    across = (ay * bx - ax * by) / along  # area over length
+    t, s = texels
+    return across / s, along / t, along / across
+
+
+def _screen_scale(
     camera: Camera, screen: Numbers | None, shadow_map: Numbers | None
 ) -> tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]:
     """(screen units per unit slope across, and up, texels along t, along s)."""
