@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from twin import mp, mpf
 
-from warpopt.receivers.depth_integrals import LARGEST_LOG_RATIO, depth_integrals
+from warpopt.receivers.bodies.depth_integrals import LARGEST_LOG_RATIO, depth_integrals
 
 EPS = np.finfo(np.float64).eps
 # Insides and both edges of panels of width 1/2, thin frusta, and the last panel.

@@ -72,12 +72,13 @@ class Metric:
         return self.alpha + self.beta
 
 
-# Every named metric: the products of E_p and E_q whose maximum it is, if it is one.
+# Every named metric: the products of E_p and E_q whose maximum it is, or the product of whose maxima ("storage").
 METRICS: dict[str, tuple[Metric, ...]] = {
     "p": (Metric(1, 0),),
     "q": (Metric(0, 1),),
     "pxq": (Metric(1, 1),),
     "max": (Metric(1, 0), Metric(0, 1)),
+    "storage": (Metric(1, 0), Metric(0, 1)),
     "edge": (),
     "band": (),
 }
@@ -92,7 +93,9 @@ class Objective:
     """A norm of an aliasing error; hashable, so that a compiled solver can be specialised to it.
 
     Attributes:
-        terms: the metrics whose maximum is taken; a single one, except for "max"; none for "edge" and "band".
+        terms: the metrics whose maximum is taken; a single one, except for "max" and "storage"; none for "edge" and
+            "band".
+        storage: whether each term's maximum is taken for itself, and their product is the norm.
         kernel: the size of a texel (a name in `theory.KERNELS`) whose mean over weighted receivers this is: "edge",
             "band", or "max" in an L_P norm; None for all others, which need only extents or moments.
         order: P of the norm, inf for the maximum over the receivers.
@@ -106,6 +109,7 @@ class Objective:
     """
 
     terms: tuple[Metric, ...]
+    storage: bool
     kernel: str | None
     order: float
     measure: Measure
@@ -117,7 +121,8 @@ class Objective:
             metric: "p", "q", "pxq" or `Metric(alpha, beta)`; "max", the larger of E_p and E_q; "edge", the longer edge
                 of a texel, max(E_p sqrt(1 + sigma^2), E_q); "band", the expected offset of a shadow edge. The last
                 three compare E_p with E_q, which is meaningful in pixels per texel: give the view `screen` and
-                `shadow_map`, without which pixels are square and so is the map.
+                `shadow_map`, without which pixels are square and so is the map. "storage", in norm inf, is (max E_p)
+                (max E_q): how many times its texels a map of its own aspect needs for one texel per pixel.
             norm: "inf", "l1", "l2" or any real order >= 1. None means "inf"; for "edge" and "band", which are means,
                 "l1".
             measure: "volume", "screen", "log_depth", "ground" or "axis".
@@ -127,13 +132,17 @@ class Objective:
         """
         terms = _terms(metric)
         averaged = not terms
+        object.__setattr__(self, "storage", metric == "storage")
         if norm is None:
             norm = "l1" if averaged else "inf"
         object.__setattr__(self, "terms", terms)
         object.__setattr__(self, "order", order_of(norm))
-        object.__setattr__(self, "kernel", metric if averaged or (len(terms) > 1 and not self.supremum) else None)
+        mean = averaged or (metric == "max" and not self.supremum)
+        object.__setattr__(self, "kernel", metric if mean else None)
         one_of("measure", measure, get_args(Measure))
         object.__setattr__(self, "measure", measure)
+        if self.storage and not self.supremum:
+            raise ValueError(f"norm: got {norm!r}, expected 'inf' with metric 'storage', a product of two maxima")
         if averaged and self.supremum:
             raise ValueError(f"norm: got {norm!r}, expected 'l1', 'l2' or another finite order with metric {metric!r}")
         for term in terms if self.kernel is None else ():
@@ -150,7 +159,8 @@ class Objective:
     @property
     def name(self) -> str:
         """The metric's name, as in files; "p^2 q^0.5" for exponents without a name."""
-        named = self.kernel or next((name for name, terms in METRICS.items() if terms == self.terms), None)
+        named = "storage" if self.storage else self.kernel
+        named = named or next((name for name, terms in METRICS.items() if terms == self.terms), None)
         return named or " ".join(
             f"{letter}^{power:g}"
             for letter, power in (("p", self.metric.alpha), ("q", self.metric.beta))
@@ -165,7 +175,23 @@ class Objective:
     @property
     def title(self) -> str:
         """Text for messages and figures: "E_pxq, norm l2"."""
+        if self.storage:
+            return "storage"
         return f"{self.name if self.kernel else 'E_' + self.name}, norm {self.norm}"
+
+    @property
+    def in_any_direction(self) -> bool:
+        """Whether it compares maps of different directions: areas and lengths of texels do, not E_p or E_q alone."""
+        return self.storage or self.kernel in ("edge", "band") or self._area
+
+    @property
+    def in_any_aspect(self) -> bool:
+        """Whether it compares maps of different aspects: what only grows as texels turn into slivers does not."""
+        return self.storage or self.name == "max" or self.kernel is not None or self._area
+
+    @property
+    def _area(self) -> bool:
+        return len(self.terms) == 1 and self.metric.alpha == self.metric.beta
 
     @property
     def metric(self) -> Metric:
@@ -217,6 +243,8 @@ class Objective:
     @property
     def no_bound_because(self) -> str | None:
         """Why `lower_bound` has no bound, as text; None for E_p in any norm, E_q in L-inf, and their maximum."""
+        if self.storage:
+            return None
         if self.kernel is not None:
             return f"No lower bound is known for a mean of {self.name!r}."
         for term in self.terms:

@@ -22,8 +22,8 @@ from jaxtyping import Array, Float
 
 from .._numerics import horner, larger, power, unit_nodes
 from ..objective import Objective
-from ..receivers.depth_integrals import LARGEST_LOG_RATIO
-from ..receivers.frustum_moments import measure_mass
+from ..receivers.bodies.depth_integrals import LARGEST_LOG_RATIO
+from ..receivers.bodies.frustum_moments import measure_mass
 from ..solve.chunks import in_chunks
 from ..theory.light_space import LightSpace
 from ..theory.view_frustum import ViewFrustum
@@ -36,6 +36,19 @@ _DEGREE = 11
 def bound_frusta(frustum: ViewFrustum, theta: Array, objective: Objective) -> Array:
     """The lower bound for every frustum and direction, which broadcast."""
     return in_chunks(_bound_chunk, (frustum, theta), objective)
+
+
+@jax.jit
+def storage_of_frusta(frustum: ViewFrustum, theta: Array) -> Array:
+    """The texels that any number of maps need for E_p E_q <= 1 over V: theory2's Theorem 5.
+
+    The near plane's |l.v| area, and log(f/n) times the side faces through which rays leave V towards the eye.
+    """
+    space = LightSpace(frustum, theta)
+    cosine = space.slope / space.tan_phi
+    # The lower face always; the upper one where a < 0; both sides of the screen.
+    faces = 2 * (space.b + space.a_minus) + 4 * space.slope
+    return 4 * cosine + faces / space.tan_phi * space.log_ratio
 
 
 def _bound_chunk(frustum: ViewFrustum, theta: Array, objective: Objective) -> Array:

@@ -15,7 +15,7 @@ from ..solve.chunks import in_blocks
 from ..theory.light_frame import LightFrame
 from ..theory.light_space import LightSpace
 from ..views import FrustumView, SceneView, one_light, refuse_other
-from .frustum import bound_frusta
+from .frustum import bound_frusta, storage_of_frusta
 from .frustum_map import frustum_stretches
 from .map import BoundMap, running
 
@@ -30,7 +30,8 @@ def lower_bound(
 
     For E_p (and its powers): any monotone map s(delta), for every norm and measure. For E_q in L-inf: any map width per
     delta that contains the receivers; over V the optimal warp attains it. For "max": the larger of the two, as slope
-    and width can be chosen independently.
+    and width can be chosen independently. For "storage": any number of maps of any kind, one sample per texel, in any
+    directions (theory2's Theorem 5).
 
     Over a `FrustumView`: closed forms, except for L_P off the axis (integrals tabulated to 1e-12; NaN above f/n =
     7.9e13, where no L_P optimum is found either); differentiable in near, far, half_fov and theta, one-sided at
@@ -42,7 +43,9 @@ def lower_bound(
     is linear, and of one width, within each bin of depth. Finitely many points would have the bound 0, with every
     texel row
     at a point: the bins stand for the surfaces between them. A warp, whose slope and width vary within a bin, can be up
-    to 8 % below this (E_q: 4 %). 0 for no receivers, or a single depth.
+    to 8 % below this (E_q: 4 %). 0 for no receivers, or a single depth. "storage" is exact over frusta, bodies and
+    planes; over points and depth buffers it sums square cells 8 / bins of their depth wide, which count with their
+    nearest receiver.
 
     Args:
         view: a `FrustumView` of any shape, or a `SceneView`.
@@ -64,11 +67,18 @@ def lower_bound(
     objective = objective_or_default(objective)
     whole_number("bins", bins, 1, _MOST)
     if objective.no_bound_because:
-        raise ValueError(f"objective: got {objective.title}, expected E_p in any norm or E_q in L-inf: "
+        raise ValueError(f"objective: got {objective.title}, expected E_p in any norm, E_q in L-inf or storage: "
                          f"{objective.no_bound_because}")  # fmt: skip
     if isinstance(view, FrustumView):
+        if objective.storage:
+            return in_blocks(storage_of_frusta, (view.frustum, view.theta))
         objective.metric  # noqa: B018, raises: one term
         return in_blocks(bound_frusta, (view.frustum, view.theta), objective)
+    if objective.storage:
+        refuse_traced("lower bound over a scene", view)
+        one_light(view, "call it for each").receivers.check(view.camera, view.light, objective)
+        frame = _frame(_ahead(view))
+        return float(frame.density_p * frame.density_q) * view.receivers.nearness(view.camera, frame, bins)
     frame, profile = _profile(view, objective, bins)
     values = []
     for metric in objective.terms:
@@ -164,6 +174,11 @@ def _over_frustum(view: FrustumView, objective: Objective, knots: int) -> BoundM
 @jax.jit
 def _frame(view: SceneView) -> LightFrame:
     return view.frame()
+
+
+def _ahead(view: SceneView) -> SceneView:
+    """The view warped along the view direction: areas do not depend on direction and aspect."""
+    return SceneView(view.camera, view.light, view.receivers, screen=view.screen, shadow_map=view.shadow_map)
 
 
 def _profile(view: SceneView, objective: Objective, bins: int) -> tuple[LightFrame, DepthProfile]:

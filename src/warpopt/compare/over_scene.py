@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .._checks import assembled, trusted
 from ..bound.lower_bound import lower_bound
 from ..objective import Objective
-from ..receivers.answers import extent_of
+from ..receivers.answers import extent_of, footprint_of
 from ..receivers.footprint import Footprint
 from ..rules.body import Body
 from ..solve.outcome import failed_on_host
@@ -98,8 +98,13 @@ def _over_lights(
 
     def one(inputs):
         light, frustum, given = inputs
-        solution = solve_scene(eqx.tree_at(lambda v: v.light, view, light), objective, min_eta)
-        footprint = solution.footprint
+        seen = eqx.tree_at(lambda v: v.light, view, light)
+        solution = solve_scene(seen, objective, min_eta)
+        footprint, ahead = solution.footprint, solution.frame
+        if seen.searched or seen.warp_direction != "view" or seen.lateral != "eye":
+            # Rules are for a map along the view, with its axis through the eye.
+            ahead = seen.frame_along("view")
+            footprint = footprint_of(seen.receivers, seen.camera, ahead, objective)
         body = _body(view, footprint, frustum.half_fov)
         with trusted():  # values of a solution need no check
             warps = [KNOWN[name](body, jnp.clip(solution.frame.theta, 0, jnp.pi)) for name in names]
@@ -109,7 +114,7 @@ def _over_lights(
             eta, defined = [*eta, *jnp.where(kept.defined, kept.eta, 1)], [*defined, *kept.defined]
         dtype = footprint.mu.dtype
         every = jnp.stack([*(jnp.asarray(v, dtype) for v in eta), jnp.ones((), dtype)])
-        values = norms_at(footprint, solution.frame, objective, every)
+        values = norms_at(footprint, ahead, objective, every)
         return solution, every[:-1], jnp.stack([jnp.asarray(v, bool) for v in defined]), values
 
     together = 1 if view.receivers.one_at_a_time else min(_TOGETHER, len(view.light.direction))

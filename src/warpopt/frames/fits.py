@@ -8,7 +8,8 @@ from jaxtyping import Float
 
 from .._words import one_of
 from ..compare.compare_rules import compare_rules
-from ..receivers.convex_body import ConvexBody
+from ..objective import Objective
+from ..receivers.bodies.convex_body import ConvexBody
 from ..receivers.depth_buffer import DepthBuffer
 from ..receivers.receivers import Receivers
 from ..render.shadow_matrix import shadow_matrix
@@ -18,7 +19,7 @@ from ..theory.warp import Warp
 from ..views import SceneView
 from .light_rays import LitScene
 from .measure import measured
-from .names import objective_of
+from .names import objective_of, turn_of
 from .seen import Frame, edges_of
 from .shadow_map import Reading, ShadowMap
 
@@ -38,12 +39,16 @@ class Fitted:
         eta: of the warp over the receivers that it was fitted to.
         matrix: (4, 4) world to clip space, OpenGL's convention, for column vectors.
         defined: False where a rule gives no warp; eta is then 1.
+        size: texels along (t, s), if the map has an aspect of its own; at as many texels, up to rounding.
+        promised: for a turned warp, the factor by which its objective is less than along the view.
     """
 
     name: str
     eta: float
     matrix: Float[np.ndarray, "4 4"]
     defined: bool = True
+    size: tuple[int, int] | None = None
+    promised: float | None = None
 
 
 class Fitting:
@@ -59,11 +64,19 @@ class Fitting:
         ValueError: an unknown fit, or a frame that sees nothing.
     """
 
-    def __init__(self, scene: LitScene, frame: Frame, size: tuple[int, int], fit: Fit = "receivers"):
+    def __init__(
+        self,
+        scene: LitScene,
+        frame: Frame,
+        size: tuple[int, int],
+        fit: Fit = "receivers",
+        turn_only_if: float = 1.1,
+    ):
         one_of("fit", fit, ("receivers", "engine"))
         if not np.isfinite(frame.depth).any():
             raise ValueError("frame: got only background, expected a surface that the camera sees")
         self.scene, self.frame, self.size, self.fit = scene, frame, size, fit
+        self.turn_only_if = turn_only_if
         self._camera = camera_of(frame.camera)
         self._views: dict[str, SceneView] = {}
 
@@ -105,10 +118,27 @@ class Fitting:
             return self._of(name, plain, warp, bool(found.defined[0, 0]))
         if objective.supremum:
             return self._of(name, plain, optimal_warp(plain, objective, throw=False).warp)
+        prefix, rest = turn_of(name)
+        if prefix:
+            return self._turned(name, rest, objective, prefix == "shaped-")
         kind = name if name in ("edge", "band") else "depth"
         weighted = self.view(kind) if kind != "depth" else self.uniform()
         solution = optimal_warp(weighted, objective, throw=False)
         return self._of(name, self.view("depth"), solution.warp)
+
+    def _turned(self, name: str, kind: str, objective: Objective, shaped: bool) -> Fitted:
+        straight = self.view(kind) if kind in ("edge", "band") else self.uniform()
+        view = SceneView(
+            straight.camera, straight.light, straight.receivers, screen=straight.screen, shadow_map=straight.shadow_map,
+            warp_direction="best", map_aspect="best" if shaped and objective.kernel is not None else 1.0,
+            turn_only_if=self.turn_only_if,
+        )  # fmt: skip
+        solution = optimal_warp(view, objective, throw=False)
+        matrix = np.asarray(shadow_matrix(view, solution, casters=self.scene.corners_all), float)
+        across = round(self.size[0] * float(solution.shares[0]))
+        size = (across, round(self.size[0] * self.size[1] / across)) if shaped else None
+        gain = float(solution.unturned / solution.value) if solution.value > 0 else 1.0
+        return Fitted(name, float(solution.warp.eta), matrix, size=size, promised=gain)
 
     def _of(self, name: str, view: SceneView, warp: Warp, defined: bool = True) -> Fitted:
         matrix = shadow_matrix(view, warp, casters=self.scene.corners_all)
@@ -144,7 +174,7 @@ class Fitting:
 
     def map_of(self, fitted: Fitted) -> ShadowMap:
         """The shadow map rendered with a fitted matrix."""
-        return ShadowMap(self.scene, fitted.matrix, self.size)
+        return ShadowMap(self.scene, fitted.matrix, fitted.size or self.size)
 
     def error(self, fitted: Fitted, reading: Reading):
         """The frame's `Verdict` under a fitted warp."""

@@ -1,4 +1,8 @@
-"""The names of warps: "none", a rule, "edge", "band", METRIC-NORM such as "p-inf", and "best". Does not import JAX."""
+"""The names of warps: "none", a rule, "edge", "band", METRIC-NORM such as "p-inf", and "best". Does not import JAX.
+
+"turned-" before an objective that compares directions warps along the best direction; "shaped-" also gives the map the
+best aspect.
+"""
 
 import difflib
 
@@ -8,7 +12,19 @@ from ..rules.registry import EVERY
 
 STABLE = ("sphere", "sphere-receivers")
 """Engines' fits without a warp whose texels stay where they are."""
-DEFAULT = ("none", "lispsm", "tsm", "filament", "p-inf", "edge", "band", "best")
+DEFAULT = ("none", "lispsm", "tsm", "filament", "p-inf", "edge", "band", "turned-edge", "turned-band", "best")
+PREFIXES = ("turned-", "shaped-")
+
+
+def turn_of(name: str) -> tuple[str, str]:
+    """(the prefix of a turned warp, or nothing; the rest of its name).
+
+    Example:
+        >>> turn_of("turned-edge"), turn_of("edge")
+        (('turned-', 'edge'), ('', 'edge'))
+    """
+    prefix = next((p for p in PREFIXES if isinstance(name, str) and name.startswith(p)), "")
+    return prefix, name.removeprefix(prefix) if prefix else name
 
 
 def objective_of(name: str) -> Objective | None:
@@ -21,6 +37,12 @@ def objective_of(name: str) -> Objective | None:
         >>> objective_of("pxq-l2").title, objective_of("lispsm")
         ('E_pxq, norm l2', None)
     """
+    prefix, rest = turn_of(name)
+    if prefix:
+        objective = objective_of(rest)
+        if objective is None or not objective.in_any_direction:
+            raise ValueError(f"got {shown(name)}, expected 'edge', 'band', 'storage-inf' or pxq's after {prefix!r}")
+        return objective
     if name in ("none", "best") or (name in EVERY and name != "ssm"):
         return None
     metric, _, norm = name.partition("-") if isinstance(name, str) else ("", "", "")
@@ -50,6 +72,9 @@ def title_of(name: str) -> str:
     """
     if name in EVERY:
         return EVERY[name].title
+    prefix, rest = turn_of(name)
+    if prefix:
+        return f"{title_of(rest)}, turned" + (", best aspect" if prefix == "shaped-" else "")
     plain = {"none": "no warp", "best": "best eta of a scan", "edge": "edge-weighted", "band": "band"}
     objective = None if name in plain else objective_of(name)
     return plain[name] if objective is None else objective.title

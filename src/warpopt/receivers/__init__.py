@@ -1,18 +1,20 @@
 """Receivers: one kind per file, behind the base class `Receivers`."""
 
-from .convex_body import ConvexBody
+from .bodies.convex_body import ConvexBody
+from .bodies.ground_plane import GroundPlane
+from .bodies.whole_frustum import WholeFrustum
 from .depth_buffer import DepthBuffer
 from .depth_histogram import DepthHistogram
 from .footprint import Footprint
 from .points import PointReceivers
 from .receivers import Receivers
-from .whole_frustum import WholeFrustum
 
 __all__ = [
     "ConvexBody",
     "DepthBuffer",
     "DepthHistogram",
     "Footprint",
+    "GroundPlane",
     "PointReceivers",
     "Receivers",
     "WholeFrustum",

@@ -118,6 +118,10 @@ def from_groups(groups: Groups, near: Array, grouped: bool = True) -> Footprint:
             groups.least_light,
             groups.largest_light,
             reached if grouped else None,
+            (
+                jnp.where(there, groups.least_lateral - axis, jnp.inf),
+                jnp.where(there, groups.largest_lateral - axis, -jnp.inf),
+            ),
         ),
         None,
         near,

@@ -19,6 +19,7 @@ from .bins import BINS, Groups, bin_of, extent_of, from_groups, with_moments
 from .footprint import Footprint
 from .profiles.binned import BinnedProfile, PointSet
 from .receivers import Receivers
+from .sketch import sketch_of_pixels
 from .weighted.cells import with_samples
 from .weighted.weights import Weighting, Weights
 
@@ -98,6 +99,17 @@ class DepthBuffer(Receivers):
         """See `Receivers`."""
         z = self.eye_depth(camera)
         return extent_of(z, jnp.isfinite(z))
+
+    def places(self, camera: Camera) -> tuple[Float[Array, "N 3"], Float[Array, " N"]]:
+        """See `Receivers`: every pixel that sees something."""
+        points, seen = eye_points(self, camera)
+        return points.reshape(-1, 3), seen.ravel().astype(points.dtype)
+
+    def sketch(self, camera: Camera, objective: Objective) -> Receivers:
+        """See `Receivers`: tiles of pixels, each in two parts by depth."""
+        seen, z = self._decoded(self.depth, camera)
+        weights = None if self.weights.uniform or objective.supremum else self.weights.of(z, seen)[0]
+        return sketch_of_pixels(camera, *_slopes(self.depth, camera), z, seen, weights, objective)
 
     def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> BinnedProfile:
         """See `Receivers`."""

@@ -10,13 +10,13 @@ from ..objective import DENSITY_EXPONENT, Objective
 from ..theory.camera import Camera, far_plane
 from ..theory.light_frame import LightFrame
 from .bins import extent_of, from_groups, singles, with_moments
+from .bodies.whole_frustum import window_nodes
 from .footprint import Footprint
 from .profiles.hulls import BodyProfile, slab
 from .profiles.slices import Solid
 from .receivers import Receivers
 from .weighted.cells import with_samples
 from .weighted.weights import Weighting, Weights
-from .whole_frustum import window_nodes
 
 _DEGREE_WITH_KINKS = 22  # 12 by 12 nodes on the screen, 19 in each bin
 
@@ -103,6 +103,22 @@ class DepthHistogram(Receivers):
         there = (self.counts > 0) & (self.edges[1:] > camera.near) & (self.edges[:-1] < camera.far)
         z = jnp.clip(jnp.stack([self.edges[:-1], self.edges[1:]]), camera.near, camera.far)
         return extent_of(z, jnp.broadcast_to(there, z.shape))
+
+    def places(self, camera: Camera) -> tuple[Float[Array, "N 3"], Float[Array, " N"]]:
+        """See `Receivers`: the corners of each bin's slab, which count as its receivers do."""
+        edges = jnp.clip(self.edges.astype(camera.near.dtype), camera.near, camera.far)
+        ends = jnp.stack([edges[:-1], edges[1:]], 1)
+        counts = jnp.where(edges[1:] > edges[:-1], self.counts.astype(edges.dtype), 0)
+        corners = camera.corner_slopes() * ends[..., None, None]
+        return corners.reshape(-1, 3), jnp.broadcast_to(counts[:, None, None], corners.shape[:-1]).ravel()
+
+    def nearness(self, camera: Camera, frame: LightFrame, bins: int) -> float:
+        """See `Receivers`.
+
+        Raises:
+            ValueError: always: bins do not say which receivers share a ray.
+        """
+        raise ValueError(f"receivers: got {type(self).__name__}, for which no lower bound of 'storage' is known")
 
     def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> BodyProfile:
         """See `Receivers`. Each bin is a slab of the frustum.

@@ -3,6 +3,8 @@
 `Receivers.footprint` makes one from every kind of receivers; all later code uses only the footprint.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -38,6 +40,64 @@ class Sides(eqx.Module):
     light_largest: Float[Array, " K"]
     # For groups that may be narrower than `right` and `left`: a width that some receiver attains or exceeds.
     reached: tuple[Float[Array, " K"], Float[Array, " K"]] | None = None
+    # (least, largest) x - axis of each group, for a free fit; inf, -inf for empty groups. None: -left and right.
+    signed: tuple[Float[Array, " K"], Float[Array, " K"]] | None = None
+
+
+class FreeFit(eqx.Module):
+    """The convex hull of receivers in (delta, x - axis), for a map whose axis may lie anywhere (theory2's Theorem 8b).
+
+    Attributes:
+        depth: of the hull's vertices, and others.
+        upper, lower: the hull's x there; -inf and inf for entries that say nothing.
+    """
+
+    depth: LightDepth
+    upper: Float[Array, " K"]
+    lower: Float[Array, " K"]
+
+    def line(self, eta: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """(m0, m1) of the axis x = m0 + m1 delta with the least width of the map, and the least |m1| of these.
+
+        The widest chord over A is the width; both its ends touch the map's sides, so the axis passes through its
+        middle. Every other vertex bounds the slope: for a given width the slopes that contain all are an interval.
+        """
+        there = self.upper >= self.lower
+        blend = self.depth.blend(eta)
+        upper, lower = (jnp.where(there, v, 0) for v in (self.upper, self.lower))
+        width = jnp.where(there, (upper - lower) / blend, -jnp.inf)
+        widest = jnp.argmax(width)
+        half, centre = width[widest] / 2, (upper[widest] + lower[widest]) / 2
+        delta = self.depth.delta[widest]
+        # 1 - delta where that is the smaller, for the difference's last digits.
+        away = jnp.where(
+            self.depth.delta < 0.5, self.depth.delta - delta,
+            self.depth.one_minus_delta[widest] - self.depth.one_minus_delta,
+        )  # fmt: skip
+        # A vertex at the same depth bounds nothing: its chord is no wider.
+        usable = there & (jnp.abs(away) > 64 * jnp.finfo(eta.dtype).eps)
+        safe = jnp.where(usable, away, 1)
+        rising, falling = (upper - centre - half * blend) / safe, (lower - centre + half * blend) / safe
+        least = jnp.where(usable, jnp.where(away > 0, rising, falling), -jnp.inf).max()
+        most = jnp.where(usable, jnp.where(away > 0, falling, rising), jnp.inf).min()
+        # Where two chords are equally wide, the interval is a point, up to rounding.
+        pinned = (jnp.where(jnp.isfinite(least), least, 0) + jnp.where(jnp.isfinite(most), most, 0)) / 2
+        slope = jnp.where(least > most, pinned, jnp.where(least > 0, least, jnp.where(most < 0, most, 0)))
+        nothing = ~there.any()
+        return jnp.where(nothing, 0, centre - slope * delta), jnp.where(nothing, 0, slope)
+
+
+class LateralFit(NamedTuple):
+    """The map across the warp: t = ((x - axis - m0 - m1 delta)/A + left)/(left + right)."""
+
+    m0: Float[Array, ""]
+    m1: Float[Array, ""]
+    left: Float[Array, ""]
+    right: Float[Array, ""]
+
+    def shear(self, depth: LightDepth, x: Float[Array, "..."], eta: Float[Array, ""]) -> Float[Array, "..."]:
+        """dx/ddelta at constant t, for x from W's axis: theory2 section 0."""
+        return self.m1 + (x - self.m0 - self.m1 * depth.delta) * (1 - eta) / depth.blend(eta)
 
 
 class Footprint(eqx.Module):
@@ -55,6 +115,7 @@ class Footprint(eqx.Module):
         grouped: whether some group has more than one receiver.
         samples: for means over weighted receivers that have no moments.
         depth_weighted: whether all weights were 0, so that receivers are weighted by z; None if there are no weights.
+        free: the hull of the receivers, if the map's axis need not pass through the eye.
 
     Example:
         >>> import warpopt
@@ -76,6 +137,19 @@ class Footprint(eqx.Module):
     grouped: bool = eqx.field(static=True, default=False)
     samples: Samples | None = None
     depth_weighted: Bool[Array, ""] | None = None
+    free: FreeFit | None = None
+
+    def lateral_fit(self, eta: Float[Array, ""]) -> LateralFit:
+        """The map across the warp, for one eta."""
+        if self.free is None:
+            zero = jnp.zeros_like(eta)
+            return LateralFit(zero, zero, *self.half_widths(eta))
+        m0, m1 = self.free.line(eta)
+        there = self.free.upper >= self.free.lower
+        blend, axis = self.free.depth.blend(eta), m0 + m1 * self.free.depth.delta
+        left = jnp.where(there, (axis - jnp.where(there, self.free.lower, 0)) / blend, -jnp.inf).max()
+        right = jnp.where(there, (jnp.where(there, self.free.upper, 0) - axis) / blend, -jnp.inf).max()
+        return LateralFit(m0, m1, *(jnp.where(there.any(), v, 0) for v in (left, right)))
 
     def half_widths(self, eta: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """(largest (axis - x)/A, largest (x - axis)/A): the map's half widths on both sides of W's axis."""

@@ -16,6 +16,7 @@ from .bins import BINS, bin_of, ends, extent_of, from_groups, grouped, with_mome
 from .footprint import Footprint
 from .profiles.binned import BinnedProfile, PointSet
 from .receivers import Receivers
+from .sketch import sketch_of_points
 from .weighted.cells import EXACT, with_samples
 from .weighted.weights import Weighting, Weights
 
@@ -85,6 +86,18 @@ class PointReceivers(Receivers):
         """See `Receivers`."""
         points, seen = self._seen(camera)
         return extent_of(points[:, 2], seen)
+
+    def places(self, camera: Camera) -> tuple[Float[Array, "N 3"], Float[Array, " N"]]:
+        """See `Receivers`: all that are seen, whatever their weight."""
+        points, seen = self._seen(camera)
+        return points, seen.astype(points.dtype)
+
+    def sketch(self, camera: Camera, objective: Objective) -> Receivers:
+        """See `Receivers`: themselves if they are few."""
+        if len(self.points) <= (BINS if objective.kernel is None else EXACT):
+            return self
+        points, seen = self._seen(camera)
+        return sketch_of_points(camera, points, seen, self._weights(points[:, 2], seen)[0], objective)
 
     def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> BinnedProfile:
         """See `Receivers`."""

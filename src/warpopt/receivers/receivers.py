@@ -4,12 +4,14 @@ import abc
 from typing import ClassVar, get_args
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..objective import Measure, Objective
 from ..theory.camera import Camera, DirectionalLight
 from ..theory.light_frame import LightFrame
 from .footprint import Footprint
+from .profiles.nearness import over_points
 from .profiles.profile import DepthProfile
 
 EVERY_MEASURE: tuple[str, ...] = get_args(Measure)
@@ -65,6 +67,25 @@ class Receivers(eqx.Module):
         """
         raise ValueError(f"receivers: got {type(self).__name__}, which has no depth_extent, as rules over it need")
 
+    def places(self, camera: Camera) -> tuple[Float[Array, "N 3"], Float[Array, " N"]]:
+        """(points in eye coordinates that stand for the receivers, how much each counts), for directions from them.
+
+        Called under `jax.jit`.
+
+        Raises:
+            ValueError: this kind has none.
+        """
+        raise ValueError(
+            f"receivers: got {type(self).__name__}, which has no places, as the directions 'gradient' and 'middle' need"
+        )
+
+    def sketch(self, camera: Camera, objective: Objective) -> "Receivers":
+        """The same receivers, or fewer that stand for them, whose footprint is cheap enough for many directions.
+
+        What fits a map of the sketch fits every receiver. Called under `jax.jit`.
+        """
+        return self
+
     def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> DepthProfile:
         """The receivers by depth along Z_w, used by lower bounds.
 
@@ -76,6 +97,19 @@ class Receivers(eqx.Module):
             ValueError: this kind has none.
         """
         raise ValueError(f"receivers: got {type(self).__name__}, which has no depth_profile, as lower bounds need")
+
+    def nearness(self, camera: Camera, frame: LightFrame, bins: int) -> float:
+        """The integral over the light plane of max 1/z^2 of the receivers on each ray, used by the bound of "storage".
+
+        Args:
+            camera, frame: not traced.
+            bins: for sets of points: cells are 8 / bins of their depths wide.
+
+        Raises:
+            ValueError: this kind has none.
+        """
+        points, weights = (np.asarray(v, np.float64) for v in self.places(camera))
+        return over_points(points[weights > 0], np.asarray(frame.light, np.float64), 8 / bins)
 
     def check(self, camera: Camera, light: DirectionalLight, objective: Objective | None) -> None:
         """Refuse inputs that these receivers do not support; public functions call it before compiling anything.

@@ -11,9 +11,8 @@ from jaxtyping import Array, Float
 from .._checks import Numbers, checked, float_arrays, instance, pair
 from .._words import flag, shown
 from ..objective import Objective
-from ..receivers.answers import footprint_of
 from ..receivers.footprint import Footprint
-from ..solve.solution import SceneSolution, Solution, warp_of
+from ..solve.solution import SceneSolution, Solution, placed
 from ..theory.light_frame import LightFrame
 from ..theory.warp import Warp, refuse_lost
 from ..views import SceneView, settled
@@ -107,8 +106,8 @@ def shadow_matrix(
     clip_space = _checked_clip_space(clip_space)
     padding = pair("padding", padding, lambda v: 0 <= v < 0.5, "two fractions in [0, 1/2)")
     instance("view", view, SceneView)
+    view, warp = placed(view, warp)
     view = settled(view, None)
-    warp = warp_of(warp)
     if warp.eta.ndim:
         raise ValueError(f"warp: got shape {warp.eta.shape}, expected one; use jax.vmap over more")
     if casters is not None:
@@ -126,13 +125,14 @@ def _matrix(
     view: SceneView, warp: Warp, casters: Array | None, padding: Array, clip_space: ClipSpace
 ) -> tuple[Array, Array]:
     camera, frame = view.camera, view.frame()
-    footprint = footprint_of(view.receivers, camera, frame, Objective())
+    footprint = view.footprint_in(frame, Objective())
     own = warp.over(footprint)
     eta = own.eta.astype(camera.position.dtype)
     reference, least, largest = _light_range(camera, frame, footprint, eta, casters)
-    left, right = footprint.half_widths(eta)
-    width = jnp.where(left + right > 0, left + right, 1)
-    mu = footprint.mu
+    mu, lateral = footprint.mu, footprint.lateral_fit(eta)
+    width = lateral.left + lateral.right
+    wide = width > 0
+    width = jnp.where(wide, width, 1)
 
     # L_v: world to eye, then the axes X_w, l, Z_w. L_p: lengths in units of mu; a directional light's is orthographic.
     axes = jnp.stack([frame.x_axis, frame.light, frame.z_axis])
@@ -141,18 +141,20 @@ def _matrix(
     l_p = jnp.diag(jnp.stack([1 / mu, 1 / mu, 1 / mu, jnp.ones_like(mu)]))
     # R orders the axes, as L_v already does: Z_w is last. W_v: moves W's axis and near plane to the origin.
     w_v = _affine(jnp.eye(3, dtype=mu.dtype), -jnp.stack([footprint.axis, reference, footprint.start]) / mu)
+    # A free fit's axis is x = m0 + m1 delta: sheared upright.
+    upright = jnp.eye(4, dtype=mu.dtype).at[0, 2].set(-lateral.m1 / mu).at[0, 3].set(-lateral.m0 / mu)
     # W_p: (x, h, delta) to (x, h, delta) / A, with A = eta + (1 - eta) delta.
     w_p = jnp.eye(4, dtype=mu.dtype).at[3].set(jnp.stack([jnp.zeros_like(eta), jnp.zeros_like(eta), 1 - eta, eta]))
     # F: to t, depth and s in [0, 1], then to clip space.
     span = jnp.where(largest > least, largest - least, 1)
     f = _affine(
         jnp.diag(jnp.stack([mu / width, mu / span, jnp.ones_like(mu)])),
-        jnp.stack([jnp.where(left + right > 0, left / width, 0.5), -least / span, jnp.zeros_like(mu)]),
+        jnp.stack([jnp.where(wide, lateral.left / width, 0.5), -least / span, jnp.zeros_like(mu)]),
     )
     pad_t, pad_s = padding.astype(mu.dtype)
     inner = jnp.diag(jnp.stack([1 - 2 * pad_t, jnp.ones_like(mu), 1 - 2 * pad_s, jnp.ones_like(mu)]))
     inner = inner.at[0, 3].set(pad_t).at[2, 3].set(pad_s)
-    matrix = jnp.asarray(_to_clip(clip_space, mu.dtype)) @ inner @ f @ w_p @ w_v @ l_p @ l_v
+    matrix = jnp.asarray(_to_clip(clip_space, mu.dtype)) @ inner @ f @ w_p @ upright @ w_v @ l_p @ l_v
     return matrix.T if clip_space.row_vectors else matrix, warp.lost_over(own)
 
 

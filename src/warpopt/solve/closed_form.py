@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from .._numerics import larger, power, smaller
 from ..objective import Objective
-from ..receivers.frustum_moments import extreme_height
+from ..receivers.bodies.frustum_moments import extreme_height
 from ..theory.aliasing import inverse_width
 from ..theory.light_space import LightDepth, LightSpace
 from .outcome import Outcome

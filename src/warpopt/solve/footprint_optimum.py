@@ -4,9 +4,10 @@ Up to a constant, the logarithm of the norm in u = log(eta) is
 
     f(u) = top(u) - alpha u + beta log(width(u))
 
-where top is the largest k log A - r log z among a few receivers (L-inf), or the log of a polynomial's P-th root (L_P).
-It is pseudo-convex: the sign of its slope changes once, so the root finder needs only the sign. The condition at the
-root (a stationary point, a tie of two receivers, a kink of the width) is then settled in `pieces`.
+where top is the largest k log A - r log z among a few receivers (L-inf), or the log of a polynomial's P-th root (L_P);
+for "storage" it is a sum of two such maxima (theory2's Theorem 4). It is pseudo-convex: the sign of its slope changes
+once, so the root finder needs only the sign. The condition at the root (a stationary point, a tie of two receivers, a
+kink of the width) is then settled in `pieces`.
 """
 
 from typing import NamedTuple
@@ -34,26 +35,28 @@ class Term(eqx.Module):
 
 
 class Active(NamedTuple):
-    """The active candidates at some eta: metric, receiver, and the receivers at the right and left edge."""
+    """The active candidates at some eta: which metrics decide, each metric's receiver, and those at both edges."""
 
-    term: Int[Array, ""]
-    receiver: Int[Array, ""]
+    ruling: Bool[Array, " T"]
+    receivers: Int[Array, " T"]
     right: Int[Array, ""]
     left: Int[Array, ""]
 
     def same_top(self, other: "Active") -> Bool[Array, ""]:
-        return (self.term == other.term) & (self.receiver == other.receiver)
+        same = (self.ruling == other.ruling) & ((self.receivers == other.receivers) | ~self.ruling)
+        return same.all()
 
     def same_sides(self, other: "Active") -> Bool[Array, ""]:
         return (self.right == other.right) & (self.left == other.left)
 
 
 class LogNorm(eqx.Module):
-    """log of the norm as a function of u = log(eta), for one footprint; the maximum over `terms`."""
+    """log of the norm as a function of u = log(eta), for one footprint: the maximum over `terms`, or their sum."""
 
     footprint: Footprint
     terms: tuple[Term, ...]
     objective: Objective | None = eqx.field(static=True)  # the L_P norm; None for L-inf
+    summed: bool = eqx.field(static=True, default=False)  # the norm is the product of the terms' maxima
 
     def active(self, u: Float[Array, ""]) -> Active:
         """The active candidates at u."""
@@ -61,15 +64,16 @@ class LogNorm(eqx.Module):
         blend = self.footprint.sides.depth.blend(eta)
         right, left = (jnp.argmax(side / blend) for side in (self.footprint.sides.right, self.footprint.sides.left))
         if self.objective is not None:
-            return Active(jnp.zeros((), int), jnp.zeros((), int), right, left)
-        receivers = [self._receivers(term, eta) for term in self.terms]
-        best = [jnp.argmax(values) for values in receivers]
+            return Active(jnp.ones(1, bool), jnp.zeros(1, int), right, left)
+        each = [self._receivers(term, eta) for term in self.terms]
+        best = jnp.stack([jnp.argmax(values) for values in each])
+        if self.summed or len(self.terms) == 1:
+            return Active(jnp.ones(best.shape, bool), best, right, left)
         totals = [
             values[i] + self._scale(term, u, right, left)
-            for values, i, term in zip(receivers, best, self.terms, strict=True)
+            for values, i, term in zip(each, best, self.terms, strict=True)
         ]
-        ruling = jnp.argmax(jnp.stack(totals))
-        return Active(ruling, jnp.stack(best)[ruling], right, left)
+        return Active(jnp.arange(len(best)) == jnp.argmax(jnp.stack(totals)), best, right, left)
 
     def value(self, u: Float[Array, ""], active: Active) -> Float[Array, ""]:
         """The logarithm on the smooth piece selected by `active`."""
@@ -78,24 +82,23 @@ class LogNorm(eqx.Module):
             mean = jnp.log(self._moments.power_mean(jnp.exp(u), self.objective))
             return mean + self._scale(term, u, active.right, active.left)
         pieces = [
-            self._receivers(term, jnp.exp(u))[active.receiver] + self._scale(term, u, active.right, active.left)
-            for term in self.terms
+            self._receivers(term, jnp.exp(u))[i] + self._scale(term, u, active.right, active.left)
+            for term, i in zip(self.terms, active.receivers, strict=True)
         ]
-        return jnp.stack(pieces)[active.term]
+        return jnp.where(active.ruling, jnp.stack(pieces), 0).sum()
 
     def slope(self, u: Float[Array, ""], active: Active) -> Float[Array, ""]:
         """d value / du on that piece, from weights in [0, 1], so that only the result itself can cancel."""
         eta = jnp.exp(u)
-        term = self.terms[0]
         alpha, beta = (
-            (term.alpha, term.beta)
-            if len(self.terms) == 1
-            else (jnp.array([getattr(t, n) for t in self.terms], eta.dtype)[active.term] for n in ("alpha", "beta"))
+            jnp.where(active.ruling, jnp.array([getattr(t, n) for t in self.terms], eta.dtype), 0)
+            for n in ("alpha", "beta")
         )
         if self.objective is not None:
             top = _polynomial_slope(self._moments, eta) / self.objective.order
         else:
-            top = (2 * alpha + beta) * _eta_share(self.footprint.nearest.depth, active.receiver, eta)
+            top = ((2 * alpha + beta) * _eta_share(self.footprint.nearest.depth, active.receivers, eta)).sum()
+        alpha, beta = alpha.sum(), beta.sum()
         if not any(t.beta for t in self.terms):
             return top - alpha
         sides = self.footprint.sides
@@ -172,7 +175,7 @@ def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> Optimum:
     # Receivers all on W's axis have no lateral error: E_q and E_pxq are zero for every warp.
     sides = fixed.footprint.sides
     nothing = fixed.footprint.flat | fixed.footprint.empty
-    if all(term.beta for term in fixed.terms):
+    if fixed.summed or all(term.beta for term in fixed.terms):
         nothing = nothing | ~(jnp.maximum(sides.right.max(), sides.left.max()) > 0)
     helps = (margin > noise) & ~nothing
     inside = helps & (at_floor < 0)

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from .._numerics import over, power, staged
 from ..objective import Objective
-from ..receivers.frustum_moments import moments
+from ..receivers.bodies.frustum_moments import moments
 from ..receivers.moments import Moments
 from ..theory.light_space import LightSpace
 from ..theory.view_frustum import ViewFrustum

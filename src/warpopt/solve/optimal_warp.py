@@ -15,7 +15,7 @@ from ..views import FrustumView, SceneView, refuse_other
 from .chunks import in_blocks
 from .frusta import Method, norms_over_frusta, solve_and_compare, solve_frusta
 from .scene import norms_over_scene, settled_scene, solve_scene
-from .solution import SceneSolution, Solution, raised, warp_of
+from .solution import SceneSolution, Solution, placed, raised, warp_of
 
 _MOST_NODES = 10_000  # Gauss nodes come from the eigenvalues of a matrix of their number
 
@@ -114,6 +114,8 @@ def error_norm(
         10.0
     """
     refuse_other(view)
+    if isinstance(view, SceneView):
+        view, warp = placed(view, warp)
     warp = warp_of(warp)
     objective = objective_or_default(objective)
     how = _checked_method("auto", quadrature_nodes)

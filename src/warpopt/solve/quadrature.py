@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..objective import Objective
-from ..receivers.depth_integrals import log_depth_nodes
+from ..receivers.bodies.depth_integrals import log_depth_nodes
 from ..theory.light_space import LightDepth, LightSpace
 from .closed_form import Optimum, kink
 from .outcome import Outcome

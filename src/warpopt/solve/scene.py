@@ -7,17 +7,19 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..objective import MOST_MOMENTS, Metric, Objective
-from ..receivers.answers import footprint_of
+from ..objective import MOST_MOMENTS, Objective
 from ..receivers.footprint import Footprint
+from ..theory.direction import shares_of
 from ..theory.light_frame import LightFrame
 from ..theory.warp import Warp
 from ..views import SceneView, one_light, settled
-from .footprint_optimum import LogNorm, Term, minimise
+from .directions import best_aspect, best_turn
+from .footprint_optimum import LogNorm, minimise
 from .means.sample_norm import SampleNorm
 from .means.sample_optimum import excess_of_cells, minimise_mean
-from .outcome import Outcome
+from .outcome import Outcome, failed
 from .pieces import Optimum, value_at
+from .scene_norm import log_norm_of
 from .solution import SceneSolution
 
 
@@ -29,6 +31,21 @@ def settled_scene(view: SceneView, objective: Objective) -> SceneView:
             a user's receivers that none can have.
     """
     one_light(view)
+    if view.warp_direction == "best" and not objective.in_any_direction:
+        raise ValueError(
+            f"warp_direction: got 'best' with {objective.title}, which does not compare maps of different directions, "
+            "expected 'pxq', 'storage', 'edge' or 'band'"
+        )
+    if view.map_aspect is None and not objective.in_any_aspect:
+        raise ValueError(
+            f"map_aspect: got 'best' with {objective.title}, which a map of slivers minimises, expected 'max', 'edge' "
+            "or 'band'"
+        )
+    if view.lateral == "free" and objective.kernel is not None:
+        raise ValueError(
+            f"lateral: got 'free' with {objective.title}, whose shear would change with the axis, expected 'eye', or a "
+            "metric without shear"
+        )
     if objective.over_receivers:
         return settled(view, objective)
     if objective.blend_degree != round(objective.blend_degree):
@@ -44,15 +61,39 @@ def settled_scene(view: SceneView, objective: Objective) -> SceneView:
 @functools.partial(jax.jit, static_argnames=("objective",))
 def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]) -> SceneSolution:
     """The optimum of one view."""
-    frame = view.frame()
-    footprint = footprint_of(view.receivers, view.camera, frame, objective)
-    log_norm = _log_norm(footprint, frame, objective)
+    if view.warp_direction != "best":
+        return _solve_along(view, view.frame_along(view.warp_direction), objective, min_eta)
+    ahead = view.frame_along("view")
+    cosine, sine, count = best_turn(view, ahead, objective, min_eta)
+    # Mapped, so that the solve is compiled once. The turned map is kept only if it is the better over the receivers
+    # themselves, which the search saw as cells.
+    both = jax.lax.map(
+        lambda turn: _solve_along(view, ahead.turned(*turn), objective, min_eta),
+        (jnp.stack([jnp.ones_like(cosine), cosine]), jnp.stack([jnp.zeros_like(sine), sine])),
+    )
+    kept, turned = (jax.tree.map(lambda v, i=i: v[i], both) for i in (0, 1))
+    turn = (kept.value > view.turn_only_if * turned.value) & ~failed(turned.result)
+    chosen = jax.tree.map(lambda own, other: jnp.where(turn, other, own), kept, turned)
+    return eqx.tree_at(lambda s: (s.unturned, s.directions), chosen, (kept.value, count))
+
+
+def _solve_along(view: SceneView, frame: LightFrame, objective: Objective, min_eta: Float[Array, ""]) -> SceneSolution:
+    footprint = view.footprint_in(frame, objective)
+    if view.map_aspect is None:
+        shares = shares_of(best_aspect(footprint, frame, objective, min_eta))
+        frame = frame.shared(shares)
+    else:
+        shares = shares_of(view.map_aspect)
+    log_norm = log_norm_of(footprint, frame, objective)
     if isinstance(log_norm, SampleNorm):
         optimum, value, excess, gap = _of_samples(log_norm, min_eta)
     else:
         # For an L_P norm of E_p the moments come from the individual receivers: grouping loses nothing.
         grouped = footprint.grouped and (objective.supremum or objective.has_beta)
-        optimum, value, excess = _of_extents(log_norm, grouped, min_eta)
+        loose = grouped and footprint.free is not None
+        optimum, value, excess = _of_extents(log_norm, grouped and not loose, min_eta)
+        # Moving a receiver within its group may widen a free fit or narrow it: no bound is known.
+        excess = jnp.where(loose, jnp.nan, excess)
         gap = jnp.zeros_like(value)
     unwarped = value_at(log_norm, jnp.zeros_like(value))
     value, unwarped, excess, gap = (jnp.where(footprint.empty, 0, v) for v in (value, unwarped, excess, gap))
@@ -65,9 +106,12 @@ def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]
     outcome = jnp.where(finite, outcome, Outcome.not_finite).astype(jnp.int32)
     log_eta = jnp.where(finite, optimum.log_eta, jnp.nan)
     warp = Warp(jnp.exp(log_eta), -jnp.expm1(log_eta), footprint.start, footprint.mu, jnp.ones((), bool))
+    direction = view.camera.rotation.T @ frame.z_axis
+    one = jnp.ones((), jnp.int32)
     return SceneSolution(
-        warp, value, outcome, optimum.residual, optimum.margin, unwarped, excess, gap, frame, footprint
-    )
+        warp, value, outcome, optimum.residual, optimum.margin, unwarped, excess, gap, frame, footprint, direction,
+        shares, value, one,
+    )  # fmt: skip
 
 
 def _of_extents(log_norm: LogNorm, grouped: bool, min_eta: Array) -> tuple[Optimum, Array, Array]:
@@ -106,7 +150,7 @@ def norms_over_scene(
 ) -> tuple[Float[Array, "..."], Bool[Array, "..."]]:
     """(the norm of every warp over one view's receivers, whether the apex is not before them: NaN)."""
     frame = view.frame()
-    footprint = footprint_of(view.receivers, view.camera, frame, objective)
+    footprint = view.footprint_in(frame, objective)
     own = warp.over(footprint)
     return norms_at(footprint, frame, objective, own.eta), warp.lost_over(own)
 
@@ -115,27 +159,6 @@ def norms_at(
     footprint: Footprint, frame: LightFrame, objective: Objective, eta: Float[Array, "..."]
 ) -> Float[Array, "..."]:
     """The norm for every eta over a footprint made for the objective; 0 for no receivers."""
-    log_norm = _log_norm(footprint, frame, objective)
+    log_norm = log_norm_of(footprint, frame, objective)
     values = jax.vmap(lambda u: value_at(log_norm, u))(jnp.log(eta).ravel())
     return jnp.where(footprint.empty, 0, values).reshape(eta.shape)
-
-
-def _log_norm(footprint: Footprint, frame: LightFrame, objective: Objective) -> LogNorm | SampleNorm:
-    if objective.kernel is not None:
-        along = jnp.where(footprint.flat, 0, footprint.mu) * frame.density_p / footprint.unit
-        across = frame.density_q / footprint.unit * jnp.ones_like(along)
-        scale = jnp.where(along > across, along, across)
-        parts = along / scale, across / scale, jnp.log(scale), frame.pixel_ratio
-        return SampleNorm(footprint, *parts, objective.kernel, objective.order)
-    terms = tuple(_term(footprint, frame, metric, objective.supremum) for metric in objective.terms)
-    return LogNorm(footprint, terms, None if objective.supremum else objective)
-
-
-def _term(footprint: Footprint, frame: LightFrame, metric: Metric, supremum: bool) -> Term:
-    """E_p = density_p mu A^2 / (z eta) and E_q = density_q width A / z: the factors independent of eta."""
-    factor = metric.alpha * jnp.log(footprint.mu * frame.density_p) + metric.beta * jnp.log(frame.density_q)
-    if metric.alpha:  # receivers at one depth have no texels along Z_w
-        factor = jnp.where(footprint.flat, -jnp.inf, factor)
-    if not supremum:
-        factor = factor - metric.depth_power * jnp.log(footprint.unit)
-    return Term(factor, metric.alpha, metric.beta)

@@ -14,6 +14,7 @@ from ..theory.aliasing import aggregate, errors
 from ..theory.light_frame import LightFrame
 from ..theory.light_space import LightDepth
 from ..theory.warp import Warp
+from ..views import SceneView
 from .outcome import Outcome, failed
 
 
@@ -55,11 +56,17 @@ class SceneSolution(eqx.Module):
             0 where there is nothing to warp (flat, empty).
         unwarped: the norm without a warp.
         excess: bound on the regret due to conservative grouping of many points or pixels: `value` over a lower bound of
-            the minimum for the individual receivers, minus 1. 0 where nothing is grouped.
+            the minimum for the individual receivers, minus 1. 0 where nothing is grouped, NaN where receivers are
+            grouped in a map of free lateral fit.
         gap: `value` over a lower bound of the norm for all eta in [min_eta, 1], minus 1, for a mean of "max", "edge" or
             "band", which may have several local minima; 0 for all other norms, which are proved to have one.
         frame: W's axes.
         footprint: the receivers' extents.
+        direction: (3,) world unit vector of W's axis, across the light.
+        shares: what the map's texels along (t, s) are multiplied by for its aspect, at as many texels.
+        unturned: where the direction was searched, the minimal norm of a map along the view; else `value`.
+        directions: how many directions were compared: `value` is global in eta for the one that it is for; among
+            directions it is the best of these, the last of which refine the best ones of 32 that are even.
 
     Example:
         >>> import warpopt
@@ -80,6 +87,10 @@ class SceneSolution(eqx.Module):
     gap: Float[Array, ""]
     frame: LightFrame
     footprint: Footprint
+    direction: Float[Array, "3"]
+    shares: Float[Array, "2"]
+    unturned: Float[Array, ""]
+    directions: Int[Array, ""]
 
     def coordinates(
         self, eye_points: Float[Array | np.ndarray, "... 3"]
@@ -113,7 +124,8 @@ class SceneSolution(eqx.Module):
         along = self.frame.density_p * self.footprint.mu / z
         across = self.frame.density_q * sum(self.footprint.half_widths(eta)) / z
         blend = depth.blend(eta)
-        sigma = jnp.abs(x) * (1 - eta) * self.frame.pixel_ratio / (self.footprint.mu * blend)
+        shear = self.footprint.lateral_fit(eta).shear(depth, x, eta)
+        sigma = jnp.abs(shear) * self.frame.pixel_ratio / self.footprint.mu
         return aggregate(metric, *errors(blend, eta, along, across), sigma)
 
 
@@ -128,6 +140,17 @@ def warp_of(warp: Warp | Solution | SceneSolution) -> Warp:
     if not isinstance(warp, Warp):
         raise ValueError(f"warp: got {shown(warp)}, expected a warpopt.Warp or a solution")
     return warp
+
+
+def placed(view: SceneView, warp: "Warp | Solution | SceneSolution") -> tuple[SceneView, Warp]:
+    """(the view, with a solution's direction and aspect where these were searched; the warp).
+
+    Raises:
+        ValueError: no warp and no solution.
+    """
+    if view.searched and isinstance(warp, SceneSolution):
+        view = view.along(warp)
+    return view, warp_of(warp)
 
 
 def raised(solution: Solution | SceneSolution) -> Solution | SceneSolution:

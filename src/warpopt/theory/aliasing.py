@@ -61,6 +61,8 @@ def aggregate(
 ) -> Float[Array, "..."]:
     """A metric of the two errors: the largest of its products E_p^alpha E_q^beta, or a texel's size (`KERNELS`).
 
+    "storage" is a norm of a map; one texel's share in it is its area, E_p E_q.
+
     Args:
         metric: "p", "q", "pxq", "max", "edge", "band" or a `Metric`.
         e_p, e_q: of arrays that broadcast.
@@ -76,6 +78,8 @@ def aggregate(
         [[3.0, 3.0], [2.0, 3.0]]
     """
     objective = Objective(metric)
+    if objective.storage:
+        return e_p * e_q
     if objective.kernel is None:
         return functools.reduce(larger, [power(e_p, t.alpha) * power(e_q, t.beta) for t in objective.terms])
     if sigma is None:

@@ -25,6 +25,7 @@ class Mapping:
         pixel_ratio: of the light frame.
         eta: of the warp.
         width, plain_width: width that the map spans, with and without the warp.
+        lines: (m0, m1) of the map's axis x = m0 + m1 delta, with and without the warp.
     """
 
     x_axis: np.ndarray
@@ -38,10 +39,13 @@ class Mapping:
     eta: float
     width: float
     plain_width: float
+    lines: tuple[tuple[float, float], tuple[float, float]]
 
     @classmethod
     def of(cls, solution: "warpopt.SceneSolution", width: ArrayLike, plain_width: ArrayLike) -> "Mapping":
         """From one scene's solution."""
+        eta = solution.warp.eta
+        fits = [solution.footprint.lateral_fit(v) for v in (jnp.asarray(eta), jnp.ones_like(eta))]
         frame, footprint = solution.frame, solution.footprint
         return cls(
             x_axis=np.asarray(frame.x_axis),
@@ -55,6 +59,7 @@ class Mapping:
             eta=float(solution.warp.eta),
             width=float(np.asarray(width)),
             plain_width=float(np.asarray(plain_width)),
+            lines=((float(fits[0].m0), float(fits[0].m1)), (float(fits[1].m0), float(fits[1].m1))),
         )
 
 
@@ -137,7 +142,8 @@ def errors(mapping: Mapping, seen: Seen, metric: str, warped: bool) -> np.ndarra
     density_p, density_q = mapping.densities
     e_p, e_q = theory.errors(blend, eta, density_p * mapping.mu / z, density_q * width / z)
     x = z * (seen.slopes @ mapping.x_axis) - mapping.axis
-    sigma = np.abs(x) * (1 - eta) * mapping.pixel_ratio / (mapping.mu * blend)
+    m0, m1 = mapping.lines[0 if warped else 1]
+    sigma = np.abs(m1 + (x - m0 - m1 * delta) * (1 - eta) / blend) * mapping.pixel_ratio / mapping.mu
     return np.where(there, theory.aggregate(metric, e_p, e_q, jnp.asarray(sigma)), np.nan)
 
 

@@ -55,9 +55,9 @@ def compare_over_scene(
     """Every objective over the receivers of each distinct camera."""
     if not scene.lights:
         return []
-    asked, compared, views = config.objective, [], views_of(config, scene)
+    asked, compared = config.objective, []
     for objective in asked.objectives():
-        for i, view in enumerate(views):
+        for i, view in enumerate(views_of(config, scene, objective)):
             result = warpopt.compare_rules(view, rules, objective, min_eta=asked.min_eta)
             compared.append(Compared(objective, i, result))
             progress(compared[-1].title)

@@ -19,6 +19,7 @@ _PIXELS = 100  # per inch: pictures are saved at 100 dpi, one pixel for one
 _MOST = 960  # pixels of a frame's width; wider ones are reduced
 _GAP = 0.12
 _COLOURS = {"p-inf": "#000000", "edge": "#d62612", "band": "#0d61d9", "none": "#a3a3a3", "best": "#009e73"}
+_COLOURS |= {"turned-edge": "#e8833a", "turned-band": "#5aa9e6"}
 
 
 def frame_pictures(

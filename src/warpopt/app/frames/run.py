@@ -120,7 +120,7 @@ def _record(config: FramesConfig, scene: SceneInput, place: Place, lit: LitScene
     if not np.isfinite(frame.depth).any() or not frame.judged.any():
         rows = [same | {"warp": name} for name in frames.warps]
         return {"rows": rows, "files": [], "pictures": [], "scan": None, "inside": frame.inside}
-    fitting, reading = Fitting(lit, frame, frames.shadow_map, frames.fit), frames.reading()
+    fitting, reading = _fitting(config, lit, frame), frames.reading()
     fitted, verdicts, scan = [], [], None
     for name in frames.warps:
         if name == "best":
@@ -141,6 +141,10 @@ def _record(config: FramesConfig, scene: SceneInput, place: Place, lit: LitScene
     return {
         "rows": rows, "files": [name for name, _ in files], "pictures": files, "scan": scan, "inside": frame.inside,
     }  # fmt: skip
+
+
+def _fitting(config: FramesConfig, lit: LitScene, frame: Frame) -> Fitting:
+    return Fitting(lit, frame, config.frames.shadow_map, config.frames.fit, config.warp.turn_only_if)
 
 
 def excluded_because(frame: Frame) -> str:

@@ -51,7 +51,8 @@ class FramesSection(Section):
         list[Annotated[str, pydantic.AfterValidator(_known)]],
         pydantic.BeforeValidator(listed), Field(min_length=1), Distinct,
     ] = Field(default=list(DEFAULT))  # fmt: skip
-    """"none", a rule's name, "edge", "band", METRIC-NORM such as "p-inf", and "best": a scan over eta."""
+    """"none", a rule's name, "edge", "band", METRIC-NORM such as "p-inf", and "best": a scan over eta. "turned-" before
+    edge, band, storage-inf or pxq's: along the best direction; "shaped-": with the best aspect too."""
     fit: Literal["receivers", "engine"] = "receivers"
     """Rules and norms inf over the depth buffer of the frame, or over the view frustum cut by the scene's box."""
     screen: Resolution = (640, 400)
@@ -97,6 +98,11 @@ class FramesConfig(SceneSettings):
             raise ValueError("objective: got one, expected objectives by name in frames.warps, such as 'pxq-l2'")
         if "weights" in self.model_fields_set:
             raise ValueError("weights: got some, expected none: frames finds the edges of what it renders")
+        if self.warp.model_fields_set - {"turn_only_if"}:
+            raise ValueError(
+                "warp: got a direction, an aspect or a lateral fit, expected turn_only_if alone: turned warps are named "
+                "in frames.warps, such as 'turned-edge'"
+            )
         if not (self.receivers.gltf or self.receivers.landscape or self.receivers.made):
             raise ValueError(
                 f"receivers: got {self.receivers.kind} without a shadow caster, expected gltf, landscape or made"

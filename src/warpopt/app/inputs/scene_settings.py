@@ -268,6 +268,28 @@ class WeightSettings(Section):
         return self
 
 
+class WarpSettings(Section):
+    """The direction of the warp, the aspect of its map, and where its axis is across the warp."""
+
+    direction: Literal["view", "gradient", "middle", "best"] | Direction | None = None
+    """The view direction; where the receivers' depth rises; the middle vector of SC; the one of least error; or a
+    world vector. By default "best" with edge and band, whose error predicts wrong pixels, and "view" with the others.
+    E_p, E_q and their maximum do not compare directions: with them "best" is refused."""
+    turn_only_if: Annotated[float, Field(ge=1)] = 1.1
+    """With "best", the gain in the error below which the map is warped along the view."""
+    aspect: Literal["best"] | Positive = 1.0
+    """Texels along t over texels along s, times that of shadow_map, with as many texels in all; "best" with max, edge
+    and band."""
+    lateral: Literal["eye", "free"] = "eye"
+    """free: the axis with the narrowest map, for maxima and products of E_p and E_q."""
+
+    def direction_of(self, objective: Objective) -> str | Triple:
+        """The direction for an objective."""
+        if self.direction is not None:
+            return self.direction
+        return "best" if objective.kernel in ("edge", "band") else "view"
+
+
 class SceneSettings(Section):
     """A scene and what is minimised over it. Paths of scene files are relative to the TOML file."""
 
@@ -278,6 +300,27 @@ class SceneSettings(Section):
     receivers: ReceiverConfig
     objective: SceneObjective = SceneObjective()
     weights: WeightSettings = WeightSettings()
+    warp: WarpSettings = WarpSettings()
+
+    @pydantic.model_validator(mode="after")
+    def _turns(self) -> "SceneSettings":
+        for objective in self.objective.objectives():
+            if self.warp.direction == "best" and not objective.in_any_direction:
+                raise ValueError(
+                    f"warp.direction: got 'best' with metric {objective.name!r}, which does not compare directions, "
+                    "expected 'pxq', 'storage', 'edge' or 'band'"
+                )
+            if self.warp.aspect == "best" and not objective.in_any_aspect:
+                raise ValueError(
+                    f"warp.aspect: got 'best' with metric {objective.name!r}, which a map of slivers minimises, "
+                    "expected 'max', 'edge' or 'band'"
+                )
+            if self.warp.lateral == "free" and objective.kernel is not None:
+                raise ValueError(
+                    f"warp.lateral: got 'free' with a mean of {objective.name!r}, whose shear would change with the "
+                    "axis, expected 'eye'"
+                )
+        return self
 
     @pydantic.model_validator(mode="after")
     def _fits(self) -> "SceneSettings":

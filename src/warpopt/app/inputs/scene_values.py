@@ -5,6 +5,7 @@ import jax
 import numpy as np
 
 import warpopt
+from warpopt.objective import Objective
 from warpopt.receivers import ConvexBody, DepthBuffer, Receivers, WholeFrustum
 from warpopt.theory.camera import camera_of
 
@@ -43,8 +44,8 @@ def receivers_of(config: SceneSettings, scene: SceneInput, i: int) -> Receivers:
     return weighted(config, scene, i) or body_of(config) or WholeFrustum()
 
 
-def views_of(config: SceneSettings, scene: SceneInput) -> "list[warpopt.SceneView]":
-    """For each distinct camera its view, under all lights of the scene (at least one).
+def views_of(config: SceneSettings, scene: SceneInput, objective: Objective) -> "list[warpopt.SceneView]":
+    """For each distinct camera its view for an objective, under all lights of the scene (at least one).
 
     Raises:
         ConfigError: receivers for which a camera's view cannot be solved.
@@ -54,12 +55,18 @@ def views_of(config: SceneSettings, scene: SceneInput) -> "list[warpopt.SceneVie
     for i, seen in enumerate(scene.cameras):
         camera, receivers = camera_of(seen), receivers_of(config, scene, i)
         try:
-            for objective in config.objective.objectives():
-                receivers.check(camera, lights, objective)
+            receivers.check(camera, lights, objective)
         except ValueError as error:
             raise ConfigError(f"receivers, seen by camera.{i}: {error}") from None
-        resolutions = {"screen": config.objective.screen, "shadow_map": config.objective.shadow_map}
-        views.append(warpopt.SceneView(camera, lights, receivers, **resolutions))
+        try:
+            view = warpopt.SceneView(
+                camera, lights, receivers, screen=config.objective.screen, shadow_map=config.objective.shadow_map,
+                warp_direction=config.warp.direction_of(objective), map_aspect=config.warp.aspect,
+                lateral=config.warp.lateral, turn_only_if=config.warp.turn_only_if,
+            )  # fmt: skip
+        except ValueError as error:  # a vector along one of the lights
+            raise ConfigError(f"warp: {error}") from None
+        views.append(view)
     return views
 
 

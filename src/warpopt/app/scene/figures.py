@@ -28,6 +28,7 @@ _SKY = "#dfe5ea"
 _NAMES = {
     **style.METRIC_LABELS,
     "max": r"$\max(E_p, E_q)$",
+    "storage": "area of a texel",
     "edge": "longer edge of a texel",
     "band": "expected offset of an edge",
 }

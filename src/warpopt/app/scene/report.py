@@ -63,10 +63,11 @@ def scene_report(config: SceneConfig, scene: SceneInput, solved: list[Solved], f
             parts += [
                 f"## {objective.title}\n",
                 _gain(mine),
+                _turned(config, mine),
                 _limit(mine),
                 markdown_table(list(_HEADS.values()), rows),
             ]
-    return "\n".join(parts)
+    return "\n".join(part for part in parts if part)
 
 
 def _opening(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> str:
@@ -101,6 +102,29 @@ def _gain(mine: list[Solved]) -> str:
     (most, where), (least, _) = max(gains), min(gains)
     words = f"The optimal warp divides the error by {most:.3g} at best (light {where}) and by {least:.3g} at worst."
     return words + (f" eta = 1 (no warp) minimises the error in {useless} problem(s).\n" if useless else "\n")
+
+
+def _turned(config: SceneConfig, mine: list[Solved]) -> str:
+    """What turning the warp promised, where the direction was searched."""
+    searched = [s.row for s in mine if s.row["directions"] > 1 and s.row["value"] and s.row["unturned"]]
+    parts = []
+    if searched:
+        turned = [row for row in searched if row["turn_deg"] > 1e-6]
+        parts.append(
+            f"The best of {searched[0]['directions']} directions is kept where it divides the view's error by at least "
+            f"{config.warp.turn_only_if:g}: in {len(turned)} of {len(searched)} problem(s)."
+        )
+        if turned:
+            gains = [(row["unturned"] / row["value"], row["light"], row["turn_deg"]) for row in turned]
+            (most, where, degrees), (least, _, _) = max(gains), min(gains)
+            parts.append(
+                f"There, turning the warp divides the error by {least:.3g} to {most:.3g} (light {where}: by "
+                f"{degrees:.0f} degrees). The best direction may jump from frame to frame."
+            )
+    if config.warp.aspect == "best":
+        aspects = [row["shares"][0] / row["shares"][1] for row in (s.row for s in mine)]
+        parts.append(f"Aspects are {min(aspects):.3g} to {max(aspects):.3g} times that of the map, at as many texels.")
+    return " ".join(parts) + "\n" if parts else ""
 
 
 def _limit(mine: list[Solved]) -> str:

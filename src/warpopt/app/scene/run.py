@@ -26,7 +26,7 @@ from .solve import Solved, solve_scene
 
 _COLUMNS = (
     "camera", "light", "x", "y", "z", "theta_deg", "metric", "norm", "eta", "lambda", "lambda_over_mu", "mu", "value",
-    "unwarped", "limit", "over_limit", "margin", "excess", "outcome",
+    "unwarped", "limit", "over_limit", "margin", "excess", "turn_deg", "unturned", "outcome",
 )  # fmt: skip
 _SHOWN = {
     "camera": "camera",

@@ -56,9 +56,9 @@ def solve_scene(config: SceneConfig, scene: SceneInput, progress: Callable[[str]
     if not scene.lights:
         return []
     casters = None if scene.casters is None else jax.numpy.asarray(scene.casters)  # copied to the device once
-    views = views_of(config, scene)
     solved = []
     for objective in config.objective.objectives():
+        views = views_of(config, scene, objective)
         for i, view in enumerate(views):
             found = jax.device_get(_over_lights(view, casters, objective, clip_space(config), config.objective.min_eta))
             for k, direction in enumerate(scene.lights):
@@ -80,6 +80,8 @@ class _Found:
     lam_over_mu: ArrayLike
     width: ArrayLike
     plain_width: ArrayLike
+    turn: ArrayLike
+    line: tuple[ArrayLike, ArrayLike]
 
 
 jax.tree_util.register_dataclass(_Found)
@@ -94,15 +96,26 @@ def _over_lights(
 
     def one(light) -> _Found:
         with trusted():  # inputs were checked when read
-            reduced = eqx.tree_at(lambda v: v.light, view, light).reduced(objective)
-            solution = warpopt.optimal_warp(reduced, objective, min_eta=min_eta, throw=False)
-            matrix = warpopt.shadow_matrix(reduced, solution, convention, casters=casters)
+            seen = eqx.tree_at(lambda v: v.light, view, light)
+            seen = seen if seen.searched else seen.reduced(objective)
+            solution = warpopt.optimal_warp(seen, objective, min_eta=min_eta, throw=False)
+            matrix = warpopt.shadow_matrix(seen, solution, convention, casters=casters)
         warp, half_widths = solution.warp, solution.footprint.half_widths
-        widths = (sum(half_widths(eta)) for eta in (warp.eta, jax.numpy.ones_like(warp.eta)))
-        return _Found(solution, matrix, warp.lam, warp.lam_over_mu, *widths)
+        width, plain = (sum(half_widths(eta)) for eta in (warp.eta, jax.numpy.ones_like(warp.eta)))
+        line = solution.footprint.lateral_fit(warp.eta)
+        turn = _turn(view, solution)
+        return _Found(solution, matrix, warp.lam, warp.lam_over_mu, width, plain, turn, (line.m0, line.m1))
 
     together = 1 if view.receivers.one_at_a_time else _TOGETHER
     return jax.lax.map(one, view.light, batch_size=min(together, len(view.light.direction)))
+
+
+def _turn(view: "warpopt.SceneView", solution: "warpopt.SceneSolution") -> jax.Array:
+    """The angle between the warp's direction and the view's, on the light plane; 0 for one along the other."""
+    light, axis = solution.frame.light, solution.frame.z_axis
+    ahead = jax.numpy.array([0.0, 0.0, 1.0]) - light * light[2]
+    turn = jax.numpy.arctan2(jax.numpy.linalg.norm(jax.numpy.cross(ahead, axis)), ahead @ axis)
+    return jax.numpy.where(solution.frame.parallel | (view.warp_direction == "view"), 0, turn)
 
 
 def clip_space(config: SceneConfig) -> "warpopt.ClipSpace":
@@ -140,6 +153,14 @@ def _solved(found: _Found, place: tuple[int, int], direction: list[float], objec
         "lambda_over_mu": finite_or_none(found.lam_over_mu) if there else None,
         "mu": finite_or_none(solution.warp.mu) if there else None,
         "no_warp": there and bool(np.isinf(found.lam)),
+        "warp_direction": solution.direction.tolist() if there else None,
+        "turn_deg": finite_or_none(np.rad2deg(found.turn)) if there else None,
+        "shares": solution.shares.tolist(),
+        "lateral": dict(
+            zip(("axis", "m0", "m1"), map(finite_or_none, (solution.footprint.axis, *found.line)), strict=True)
+        ),
+        "unturned": finite_or_none(solution.unturned),
+        "directions": int(solution.directions),
         "value": finite_or_none(solution.value),
         "unwarped": finite_or_none(solution.unwarped),
         "margin": finite_or_none(solution.margin) if there and outcome is not warpopt.Outcome.flat else None,

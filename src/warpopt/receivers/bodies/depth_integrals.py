@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._numerics import horner
+from ..._numerics import horner
 
 _PANELS = 64
 _DEGREE = 11

@@ -7,18 +7,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._checks import Numbers, checked, float_arrays, is_traced
-from .._numerics import unit_nodes
-from ..objective import DENSITY_EXPONENT, Objective
-from ..theory.camera import Camera, DirectionalLight
-from ..theory.light_frame import LightFrame
-from .bins import extent_of, from_groups, singles
-from .footprint import Footprint
-from .moments import binomial_moments
-from .polytope import clipped, thickened, vertices_of
-from .profiles.hulls import BodyProfile
-from .profiles.slices import Solid
-from .receivers import Receivers
+from ..._checks import Numbers, checked, float_arrays, is_traced
+from ..._numerics import unit_nodes
+from ...objective import DENSITY_EXPONENT, Objective
+from ...theory.camera import Camera, DirectionalLight
+from ...theory.light_frame import LightFrame
+from ..bins import extent_of, from_groups, singles
+from ..footprint import Footprint
+from ..moments import binomial_moments
+from ..polytope import clipped, thickened, vertices_of
+from ..profiles.hulls import BodyProfile
+from ..profiles.nearness import over_body
+from ..profiles.slices import Solid
+from ..receivers import Receivers
 
 _DEPTH_NODES = 24  # in log z on each piece: to 1e-14 for z ratios up to 1e4, 40 would serve 1e12
 
@@ -94,12 +95,24 @@ class ConvexBody(Receivers):
         points, there = self.vertices(camera)
         return extent_of(points[:, 2], there)
 
+    def places(self, camera: Camera) -> tuple[Float[Array, "N 3"], Float[Array, " N"]]:
+        """See `Receivers`: the vertices; one that occurs several times counts once."""
+        points, there = self.vertices(camera)
+        close = jnp.abs(points[:, None] - points).max(-1) <= 1e-6 * jnp.abs(points).max(1)
+        earlier = jnp.tril(close & there, -1).any(1)
+        return points, (there & ~earlier).astype(points.dtype)
+
     def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> BodyProfile:
         """See `Receivers`."""
         vertices, valid, _ = map(np.asarray, _vertices(camera, self))
         planes = self.with_frustum(camera)
         solid = Solid.uniform(planes, DENSITY_EXPONENT[objective.measure])
         return BodyProfile([vertices[valid]], solid, camera, frame)
+
+    def nearness(self, camera: Camera, frame: LightFrame, bins: int) -> float:
+        """See `Receivers`: exact."""
+        points, weights = (np.asarray(v, np.float64) for v in self.places(camera))
+        return over_body(points[weights > 0], np.asarray(frame.light, np.float64))
 
     def check(self, camera: Camera, light: DirectionalLight, objective: Objective | None) -> None:
         """See `Receivers`.

@@ -4,18 +4,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._checks import is_traced
-from .._numerics import larger, unit_nodes
-from ..objective import DENSITY_EXPONENT, Measure, Objective
-from ..theory.camera import Camera, DirectionalLight
-from ..theory.light_frame import LightFrame
-from ..theory.light_space import LightDepth
-from .footprint import Footprint, Nearest, Sides, axis_inside, range_of
+from ..._checks import is_traced
+from ..._numerics import larger, unit_nodes
+from ...objective import DENSITY_EXPONENT, Measure, Objective
+from ...theory.camera import Camera, DirectionalLight
+from ...theory.light_frame import LightFrame
+from ...theory.light_space import LightDepth
+from ..footprint import Footprint, Nearest, Sides, axis_inside, range_of
+from ..profiles.axis import AxisProfile
+from ..profiles.hulls import BodyProfile, slab
+from ..profiles.nearness import over_body
+from ..profiles.slices import Solid
+from ..receivers import EVERY_MEASURE, Receivers
 from .frustum_moments import segment_moments
-from .profiles.axis import AxisProfile
-from .profiles.hulls import BodyProfile, slab
-from .profiles.slices import Solid
-from .receivers import EVERY_MEASURE, Receivers
 
 
 class WholeFrustum(Receivers):
@@ -83,13 +84,24 @@ class WholeFrustum(Receivers):
                 depth(heights, n), depth(heights, f), weights, largest_near, ratio, jnp.log1p(ratio), objective
             )
         h = (along * z).ravel()
-        all_sides = Sides(every, every, right, left, h, h)
+        across_axis = (x - axis).ravel()
+        all_sides = Sides(every, every, right, left, h, h, signed=(across_axis, across_axis))
         footprint = Footprint(start, mu, axis, nearest, all_sides, moments, n, jnp.zeros((), bool), flat)
         return footprint.lost_where(jnp.isinf(f))  # a traced camera cannot be refused earlier
+
+    def nearness(self, camera: Camera, frame: LightFrame, bins: int) -> float:
+        """See `Receivers`: exact."""
+        points, weights = (np.asarray(v, np.float64) for v in self.places(camera))
+        return over_body(points[weights > 0], np.asarray(frame.light, np.float64))
 
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """See `Receivers`."""
         return camera.near, camera.far
+
+    def places(self, camera: Camera) -> tuple[Float[Array, "N 3"], Float[Array, " N"]]:
+        """See `Receivers`: the corners."""
+        corners = (camera.corner_slopes() * jnp.stack([camera.near, camera.far])[:, None, None]).reshape(-1, 3)
+        return corners, jnp.ones_like(corners[:, 0])
 
     def depth_profile(
         self, camera: Camera, frame: LightFrame, objective: Objective, bins: int

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._numerics import over, power, staged, unit_nodes
-from ..objective import Objective
-from ..theory.light_space import LightDepth, LightSpace
+from ..._numerics import over, power, staged, unit_nodes
+from ...objective import Objective
+from ...theory.light_space import LightDepth, LightSpace
+from ..moments import Moments
 from .depth_integrals import depth_integrals
-from .moments import Moments
 
 
 def extreme_height(objective: Objective) -> float:

@@ -1,0 +1,1 @@
+"""Receivers that fill a body or a plane, and their integrals."""

@@ -1,0 +1,251 @@
+"""Receivers reduced to a few thousand cells of screen and depth, so that many directions of a warp can be tried.
+
+A cell is a rectangle of slopes (x/z, y/z) and a range of depths, whatever the direction; with it go the weight and the
+centroid of its receivers. All of a map's errors are products of powers of 1/z and functions of places that are linear
+in eye coordinates, so the centroid weighted with (1/z)^P stands for a cell to first order.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._numerics import power
+from ..objective import Objective
+from ..theory.camera import Camera
+from ..theory.light_frame import LightFrame
+from ..theory.light_space import LightDepth
+from .bins import BINS, Groups, bin_of, extent_of, from_groups, with_moments
+from .footprint import Footprint
+from .receivers import Receivers
+from .samples import Samples
+
+_COLUMNS, _ROWS = 64, 36  # tiles of the screen
+_LEAST_TILE = 2  # pixels along a side: smaller buffers have fewer tiles
+
+
+class Sums(NamedTuple):
+    """Of w (unit/z)^(r P) times 1 and the eye coordinates, over the sum of all w, for each cell."""
+
+    weight: Float[Array, " C"]
+    x: Float[Array, " C"]
+    y: Float[Array, " C"]
+    z: Float[Array, " C"]
+
+
+class Sketch(Receivers):
+    """Cells of receivers.
+
+    Attributes:
+        low, high: least and largest (x/z, y/z).
+        near, far: least and largest eye depth; inf and -inf for empty cells.
+        sums: for means over weighted receivers; None for maxima.
+        unit: of length, for the sums.
+    """
+
+    low: Float[Array, "C 2"]
+    high: Float[Array, "C 2"]
+    near: Float[Array, " C"]
+    far: Float[Array, " C"]
+    sums: Sums | None
+    unit: Float[Array, ""]
+
+    def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
+        """See `Receivers`. Conservative: of each cell's corners."""
+        there = jnp.isfinite(self.near)
+        near, far = jnp.where(there, self.near, 1), jnp.where(there, self.far, 1)
+        one = jnp.ones_like(near)
+        slopes = jnp.stack(
+            [
+                jnp.stack([x, y, one], -1)
+                for x in (self.low[:, 0], self.high[:, 0])
+                for y in (self.low[:, 1], self.high[:, 1])
+            ]
+        )
+
+        def extents(axis: Array) -> tuple[Array, Array]:
+            """(least, largest) of axis . c."""
+            along = slopes @ axis
+            least, largest = along.min(0), along.max(0)
+            least, largest = (
+                least * jnp.where(least > 0, near, far), largest * jnp.where(largest > 0, far, near),
+            )  # fmt: skip
+            return jnp.where(there, least, jnp.inf), jnp.where(there, largest, -jnp.inf)
+
+        (d, d_far), (x, x_far), (h, h_far) = (extents(axis) for axis in (frame.z_axis, frame.x_axis, frame.light))
+        cells = Groups(d, d_far, x, x_far, h, h_far, jnp.where(there, near, jnp.inf))
+        footprint = from_groups(_binned(cells, there), camera.near)
+        if self.sums is None:
+            return footprint
+        sums = self.sums
+        filled = sums.weight > 0
+        weight = jnp.where(filled, sums.weight, 1)
+        centre = jnp.stack([sums.x, sums.y, sums.z], -1) / weight[:, None]
+        if objective.kernel is None:
+            depth = jnp.where(filled, frame.depth(centre), footprint.start)
+            rows = depth[None], jnp.ones_like(depth)[None], sums.weight[None]
+            return with_moments(footprint, rows, lambda row: row, self.unit, objective)
+        scale = jnp.where(footprint.flat, 0, 1 / footprint.mu)
+        delta = jnp.clip((frame.depth(centre) - footprint.start) * scale, 0, 1)
+        lateral = jnp.abs(frame.lateral(centre) - footprint.axis) * scale
+        samples = Samples(
+            LightDepth(jnp.where(filled, delta, 0), jnp.where(filled, 1 - delta, 1)), jnp.where(filled, lateral, 0),
+            sums.weight, None,
+        )  # fmt: skip
+        return eqx.tree_at(lambda f: (f.samples, f.unit), footprint, (samples, self.unit), is_leaf=lambda v: v is None)
+
+    def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """See `Receivers`."""
+        return extent_of(self.near, jnp.isfinite(self.near))
+
+    def places(self, camera: Camera) -> tuple[Float[Array, "N 3"], Float[Array, " N"]]:
+        """See `Receivers`: the middle of each cell at both depths."""
+        there = jnp.isfinite(self.near)
+        middle = jnp.where(there[:, None], (self.low + self.high) / 2, 0)
+        middle = jnp.concatenate([middle, jnp.ones_like(middle[:, :1])], -1)
+        z = jnp.where(there, jnp.stack([self.near, self.far]), 1)
+        return (middle * z[..., None]).reshape(-1, 3), jnp.concatenate([there, there]).astype(z.dtype)
+
+
+def _binned(cells: Groups, there: Array) -> Groups:
+    """Joined by their depth along Z_w, if they are many."""
+    if there.size <= BINS:
+        return cells
+    start, end = cells.least_depth.min(), cells.largest_depth.max()
+    share = (cells.least_depth - start) / jnp.where(end > start, end - start, 1)
+    which = bin_of(jnp.where(there, share, 0))
+
+    def least(values: Array) -> Array:
+        return jax.ops.segment_min(values, which, BINS)
+
+    return Groups(
+        least(cells.least_depth), -least(-cells.largest_depth), least(cells.least_lateral),
+        -least(-cells.largest_lateral), least(cells.least_light), -least(-cells.largest_light), least(cells.z),
+    )  # fmt: skip
+
+
+def _exponent(objective: Objective) -> float:
+    """The power of 1/z in the integrand of a mean."""
+    return objective.order * (1 if objective.kernel is not None else sum(t.depth_power for t in objective.terms))
+
+
+def sketch_of_pixels(
+    camera: Camera,
+    across: Float[Array, " W"],
+    up: Float[Array, " H"],
+    z: Float[Array, "H W"],
+    seen: Bool[Array, "H W"],
+    weights: Float[Array, "H W"] | None,
+    objective: Objective,
+) -> Sketch:
+    """The sketch of an image: tiles of pixels, in two parts where a silhouette crosses them.
+
+    Args:
+        across, up: slopes of the columns and rows.
+        z: eye depths; anything positive and finite where nothing is seen.
+        weights: None for uniform ones.
+        objective: gives the order P of the mean.
+    """
+    height, width = z.shape
+    down, aside = (max(_LEAST_TILE, -(-size // count)) for size, count in ((height, _ROWS), (width, _COLUMNS)))
+    rows, columns = -(-height // down), -(-width // aside)
+    pad = ((0, rows * down - height), (0, columns * aside - width))
+
+    def in_rows(image: Array, fill) -> Array:
+        return jnp.pad(image, pad, constant_values=fill).reshape(rows, down, columns * aside)
+
+    def by_tile(values: Array, reduce) -> Array:
+        return reduce(values.reshape(*values.shape[:-1], columns, aside), -1)
+
+    z, seen = in_rows(z, 1.0), in_rows(seen, False)
+
+    def ends(_, row):
+        z, seen = row
+        near = jnp.where(seen, z, jnp.inf).min(0)
+        far = jnp.where(seen, z, -jnp.inf).max(0)
+        return None, (by_tile(near, jnp.min), by_tile(far, jnp.max))
+
+    _, (near, far) = jax.lax.scan(ends, None, (z, seen))
+    there = jnp.isfinite(near)
+    middle = jnp.sqrt(jnp.where(there, near, 1)) * jnp.sqrt(jnp.where(there, far, 1))
+    unit = jnp.where(there.any(), jnp.where(there, near, jnp.inf).min(), 1)
+    averaged, exponent = not objective.supremum, _exponent(objective)
+    padded_up = jnp.pad(up, pad[0]).reshape(rows, down, 1)
+    padded_weights = None if weights is None else in_rows(weights, 0.0)
+
+    def parts(_, row):
+        z, seen, middle, up, weights = row
+        before = z <= jnp.repeat(middle, aside, total_repeat_length=columns * aside)
+        found = []
+        for part in (seen & before, seen & ~before):
+            limits = (
+                by_tile(jnp.where(part, z, jnp.inf).min(0), jnp.min),
+                by_tile(jnp.where(part, z, -jnp.inf).max(0), jnp.max),
+            )
+            sums = ()
+            if averaged:
+                share = part.astype(z.dtype) if weights is None else jnp.where(part, weights, 0)
+                share = share * power(unit / z, exponent)
+                depth = share * z
+                sums = (share.sum(0), depth.sum(0), (depth * up).sum(0))
+            found.append((*limits, *sums))
+        return None, jax.tree.map(lambda *v: jnp.stack(v), *found)
+
+    _, (near, far, *sums) = jax.lax.scan(parts, None, (z, seen, middle, padded_up, padded_weights))
+    slopes = jnp.pad(across, pad[1])
+    made = None
+    if averaged:
+        weight, depth, rise = sums
+        mass = (seen if weights is None else weights).astype(z.dtype).sum()
+        mass = jnp.where(mass > 0, mass, 1)
+        made = Sums(*(by_tile(v, jnp.sum).ravel() / mass for v in (weight, depth * slopes, rise, depth)))
+    lows, highs = [], []
+    first, last = np.arange(columns) * aside, np.minimum(np.arange(1, columns + 1) * aside, width) - 1
+    top, bottom = np.arange(rows) * down, np.minimum(np.arange(1, rows + 1) * down, height) - 1
+    shape = (rows, 2, columns)
+    for slope, ends_of, axis in ((across, (first, last), (1, 1, columns)), (up, (top, bottom), (rows, 1, 1))):
+        pair = slope[ends_of[0]], slope[ends_of[1]]
+        lows.append(jnp.broadcast_to(jnp.minimum(*pair).reshape(axis), shape).ravel())
+        highs.append(jnp.broadcast_to(jnp.maximum(*pair).reshape(axis), shape).ravel())
+    return Sketch(jnp.stack(lows, -1), jnp.stack(highs, -1), near.ravel(), far.ravel(), made, unit)
+
+
+def sketch_of_points(
+    camera: Camera,
+    points: Float[Array, "N 3"],
+    seen: Bool[Array, " N"],
+    weights: Float[Array, " N"],
+    objective: Objective,
+) -> Sketch:
+    """The sketch of many points in eye coordinates, by the tile of the screen that they are in."""
+    left, right, bottom, top = camera.window
+    z = jnp.where(seen, points[:, 2], 1)
+    slopes = jnp.where(seen[:, None], points[:, :2] / z[:, None], 0)
+    place = (slopes - jnp.stack([left, bottom])) / jnp.stack([right - left, top - bottom])
+    column, row = (
+        jnp.clip((place[:, i] * count).astype(jnp.int32), 0, count - 1) for i, count in ((0, _COLUMNS), (1, _ROWS))
+    )
+    tile, count = row * _COLUMNS + column, _COLUMNS * _ROWS
+
+    def least(values: Array, which: Array, count: int) -> Array:
+        return jax.ops.segment_min(jnp.where(seen, values, jnp.inf), which, count)
+
+    near, far = least(z, tile, count), -least(-z, tile, count)
+    there = jnp.isfinite(near)
+    middle = jnp.sqrt(jnp.where(there, near, 1)) * jnp.sqrt(jnp.where(there, far, 1))
+    cell, count = 2 * tile + (z > middle[tile]), 2 * count
+    near, far = least(z, cell, count), -least(-z, cell, count)
+    unit = jnp.where(seen.any(), jnp.where(seen, z, jnp.inf).min(), 1)
+    filled = jnp.isfinite(near)
+    low, high = (jnp.stack([sign * least(sign * slopes[:, i], cell, count) for i in (0, 1)], -1) for sign in (1, -1))
+    low, high = (jnp.where(filled[:, None], v, 0) for v in (low, high))
+    made = None
+    if not objective.supremum:
+        mass = weights.sum()
+        share = weights * power(unit / z, _exponent(objective)) / jnp.where(mass > 0, mass, 1)
+        terms = share, *(share * jnp.where(seen, points[:, i], 0) for i in range(3))
+        made = Sums(*(jax.ops.segment_sum(term, cell, count) for term in terms))
+    return Sketch(low, high, near, far, made, unit)

@@ -1,0 +1,362 @@
+"""The search for direction and aspect: against exhaustive search, its edge cases, refusals and derivatives."""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from test_directions import CAMERA, COUNT, EDGE, STORAGE, sets, view_of
+
+import warpopt
+from warpopt import Camera, DirectionalLight, Objective, Outcome, SceneView, Warp, error_norm, optimal_warp
+from warpopt.receivers import ConvexBody, DepthBuffer, GroundPlane, PointReceivers
+from warpopt.theory import LightFrame
+from warpopt.theory.direction import gradient, middle
+
+SCREEN = {"screen": (640, 400), "shadow_map": (1024, 1024)}
+FEW = 12  # sets that are searched exhaustively
+
+
+@functools.cache
+def searched(objective, **options):
+    """(the solutions over the first sets, the norms over 90 directions and 60 eta of each)."""
+    _, world, lights, _ = (v[:FEW] for v in sets())
+    etas = jnp.geomspace(1e-4, 1, 60)
+
+    def one(points, light):
+        found = optimal_warp(view_of(points, light, warp_direction="best", **SCREEN, **options), objective, throw=False)
+        ahead = view_of(points, light, **SCREEN).frame()
+
+        def along(turn):
+            axis = CAMERA.rotation.T @ ahead.turned(jnp.cos(turn), jnp.sin(turn)).z_axis
+            view = view_of(points, light, warp_direction=axis, map_aspect=found.shares[0] / found.shares[1], **SCREEN)
+            return error_norm(view, Warp.from_eta(etas, view.footprint(objective)), objective)
+
+        return found, jax.lax.map(along, jnp.linspace(0, 2 * jnp.pi, 90, endpoint=False))
+
+    return jax.jit(jax.vmap(one))(world, lights)
+
+
+@pytest.mark.parametrize("objective", [STORAGE, EDGE], ids=lambda o: o.name)
+def test_the_best_direction_is_exhaustive_search_s(objective):
+    """Never above the least of 90 directions times 60 eta by more than 0.1 %; `unturned` is the view's optimum."""
+    found, norms = searched(objective)
+    assert (np.asarray(found.value) <= np.asarray(norms).min((1, 2)) * 1.001).all()
+    assert (np.asarray(found.unturned) <= np.asarray(norms)[:, 0].min(1) * (1 + 1e-9)).all()
+    gains = np.asarray(found.unturned / found.value)
+    assert gains.min() >= 1
+    assert gains.max() > 1.3
+    assert (np.asarray(found.directions) > 32).all()
+    length = np.linalg.norm(found.direction, axis=1)
+    np.testing.assert_allclose(length, 1, rtol=1e-12)
+    np.testing.assert_allclose((np.asarray(found.direction) * sets()[2][:FEW]).sum(1), 0, atol=1e-12)
+
+
+def test_the_best_aspect_is_a_scan_s():
+    """No aspect of 33 gives the chosen direction less, beyond the alternation's 0.2 %; texels are as many."""
+    _, world, lights, _ = (v[:FEW] for v in sets())
+
+    def one(points, light):
+        options = {"warp_direction": "best", "map_aspect": "best"}
+        found = optimal_warp(view_of(points, light, **options, **SCREEN), EDGE, throw=False)
+
+        def with_aspect(aspect):
+            view = view_of(points, light, warp_direction=found.direction, map_aspect=aspect, **SCREEN)
+            return optimal_warp(view, EDGE, throw=False).value
+
+        return found, jax.lax.map(with_aspect, jnp.geomspace(1 / 8, 8, 33))
+
+    found, scanned = jax.jit(jax.vmap(one))(world, lights)
+    np.testing.assert_allclose(np.prod(found.shares, axis=1), 1, rtol=1e-12)
+    assert (np.asarray(found.value) <= np.asarray(scanned).min(1) * 1.002).all()
+    assert (np.asarray(searched(EDGE)[0].value) >= np.asarray(found.value) * 0.999).all()
+    aspects = np.asarray(found.shares[:, 0] / found.shares[:, 1])
+    assert aspects.min() < 0.9
+    assert aspects.max() > 1.1
+
+
+def test_max_with_the_best_aspect_is_the_root_of_storage():
+    """max E_p and max E_q are equal there, and their product is the storage's least."""
+    _, world, lights, _ = sets()
+
+    def one(points, light):
+        shaped = optimal_warp(view_of(points, light, map_aspect="best", **SCREEN), Objective("max"), throw=False)
+        return shaped.value, optimal_warp(view_of(points, light, **SCREEN), STORAGE, throw=False).value, shaped.shares
+
+    value, storage, shares = jax.jit(jax.vmap(one))(world, lights)
+    inside = np.abs(np.log(shares[:, 0] / shares[:, 1])) < np.log(7.9)
+    assert inside.sum() > 40
+    np.testing.assert_allclose(np.asarray(value)[inside] ** 2, np.asarray(storage)[inside], rtol=1e-6)
+
+
+def test_turning_only_where_it_gains_enough():
+    """`turn_only_if` keeps the view's direction where the gain is below it, and nothing else changes."""
+    _, world, lights, _ = (v[:FEW] for v in sets())
+    gains = np.asarray(searched(EDGE)[0].unturned / searched(EDGE)[0].value)
+    middle_gain = float(np.median(gains)) + 1e-9
+
+    def one(points, light):
+        options = {"warp_direction": "best", "turn_only_if": middle_gain}
+        found = optimal_warp(view_of(points, light, **options, **SCREEN), EDGE, throw=False)
+        return found, view_of(points, light).frame().z_axis
+
+    found, ahead = jax.jit(jax.vmap(one))(world, lights)
+    kept = np.abs(np.asarray(found.frame.z_axis - ahead)).max(1) < 1e-12
+    assert (kept == (gains <= middle_gain)).all()
+    assert 0 < kept.sum() < FEW
+    np.testing.assert_allclose(found.value, np.where(kept, found.unturned, searched(EDGE)[0].value), rtol=1e-12)
+
+
+def test_pixels_are_searched_as_their_cells():
+    """A depth buffer: the sketch holds every pixel, and the direction is as good as that of the pixels as points."""
+    rng = np.random.default_rng(2)
+    height, width = 60, 96
+    up, across = np.mgrid[1 : -1 : height * 1j, -1 : 1 : width * 1j] * np.array([0.5, 0.8])[:, None, None]
+    depth = np.minimum(1.7 / np.maximum(0.12 - up, 1e-3), 60 + 10 * np.sin(5 * across))
+    for _ in range(6):
+        row, column = rng.integers(5, height - 15), rng.integers(0, width - 10)
+        depth[row : row + 14, column : column + 8] = rng.uniform(3, 20)
+    view = SceneView(
+        CAMERA, DirectionalLight((0.5, -0.6, -1)), DepthBuffer(depth, weights="depth"), warp_direction="best", **SCREEN
+    )
+    found = optimal_warp(view, EDGE)
+    sketch = view.receivers.sketch(CAMERA, EDGE)
+    assert sketch.near.size < depth.size
+    frame = view.frame_along("view")
+    for turn in (0.0, 1.0, 2.5, 4.0):
+        turned = frame.turned(jnp.cos(turn), jnp.sin(turn))
+        cells, pixels = (r.footprint(CAMERA, turned, EDGE) for r in (sketch, view.receivers))
+        assert cells.start <= pixels.start + 1e-9
+        assert cells.start + cells.mu >= pixels.start + pixels.mu - 1e-9
+        for eta in (0.01, 0.3):
+            for loose, tight in zip(cells.half_widths(eta), pixels.half_widths(eta), strict=True):
+                assert tight * (1 - 1e-9) <= loose <= tight * 1.2
+        assert float(cells.samples.weight.sum()) == pytest.approx(float(pixels.samples.weight.sum()), rel=1e-9)
+    gain = float(found.unturned / found.value)
+    assert gain > 1.02
+    every = [
+        float(optimal_warp(eqx.tree_at(lambda v: v.warp_vector, view.along(found), np.asarray(
+            CAMERA.rotation.T @ frame.turned(jnp.cos(t), jnp.sin(t)).z_axis)), EDGE).value)
+        for t in np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    ]  # fmt: skip
+    assert float(found.value) <= min(every) * 1.005
+
+
+def test_many_points_are_searched_as_cells():
+    """5,000 points: the same direction's norm as the points' own, within 0.5 % of the best of 40."""
+    rng = np.random.default_rng(5)
+    z = np.exp(rng.uniform(0.5, 4.5, 5000))
+    eye = np.stack([rng.uniform(-0.7, 0.7, 5000) * z, -1.7 + 0.1 * rng.normal(size=5000), z], 1)
+    points = eye @ np.asarray(CAMERA.rotation) + np.asarray(CAMERA.position)
+    light = np.array([0.6, -0.4, -0.7])
+    view = view_of(points, light, warp_direction="best")
+    assert view.receivers.sketch(CAMERA, STORAGE) is not view.receivers
+    found = optimal_warp(view, STORAGE)
+    ahead = view.frame_along("view")
+
+    @jax.jit
+    @jax.vmap
+    def values(turn):
+        axis = CAMERA.rotation.T @ ahead.turned(jnp.cos(turn), jnp.sin(turn)).z_axis
+        return optimal_warp(view_of(points, light, warp_direction=axis), STORAGE, throw=False).value
+
+    assert float(found.value) <= float(values(np.linspace(0, 2 * np.pi, 40, endpoint=False)).min()) * 1.005
+
+
+def test_derivatives_are_the_chosen_direction_s():
+    """The value's gradient in the light and the receivers against centred differences of the whole search."""
+    _, world, lights, _ = sets()
+    i = int(np.argmax(np.asarray(searched(EDGE)[0].unturned / searched(EDGE)[0].value)))
+
+    @jax.jit
+    def value(points, light):
+        return optimal_warp(view_of(points, light, warp_direction="best", **SCREEN), EDGE, throw=False).value
+
+    rng = np.random.default_rng(1)
+    for tangent in ((rng.normal(size=(COUNT, 3)), np.zeros(3)), (np.zeros((COUNT, 3)), rng.normal(size=3))):
+        _, slope = jax.jvp(value, (jnp.asarray(world[i]), jnp.asarray(lights[i])), tuple(map(jnp.asarray, tangent)))
+        h = 1e-5
+        ends = [float(value(world[i] + s * h * tangent[0], lights[i] + s * h * tangent[1])) for s in (1, -1)]
+        # The search ends 0.1 degrees from the best direction, where the value's slope in it is not quite 0.
+        assert float(slope) == pytest.approx((ends[0] - ends[1]) / (2 * h), rel=0.05, abs=1e-3 * ends[0])
+
+
+def test_gradient_and_middle():
+    """Least squares by NumPy with weights z^-2, and the sum of the vectors to the receivers."""
+    eye, world, lights, _ = sets()
+    for i in range(5):
+        frame = LightFrame(CAMERA, DirectionalLight(lights[i]))
+        x, d, z = eye[i] @ np.asarray(frame.x_axis), eye[i] @ np.asarray(frame.z_axis), eye[i][:, 2]
+        (_, across, along), *_ = np.linalg.lstsq(
+            np.stack([np.ones(COUNT), x, d], 1) / z[:, None], np.ones(COUNT), rcond=None
+        )
+        exact = across * np.asarray(frame.x_axis) + along * np.asarray(frame.z_axis)
+        found = np.asarray(gradient(frame, jnp.asarray(eye[i]), jnp.ones(COUNT)))
+        np.testing.assert_allclose(found / np.linalg.norm(found), exact / np.linalg.norm(exact), atol=1e-9)
+        view = view_of(world[i], lights[i], warp_direction="gradient")
+        np.testing.assert_allclose(view.frame().z_axis, exact / np.linalg.norm(exact), atol=1e-9)
+        total = np.asarray(middle(jnp.asarray(eye[i]), jnp.ones(COUNT)))
+        np.testing.assert_allclose(total, eye[i].sum(0), rtol=1e-12)
+        axis = np.asarray(view_of(world[i], lights[i], warp_direction="middle").frame().z_axis)
+        l = np.asarray(frame.light)  # noqa: E741
+        flat = total - l * (l @ total)
+        np.testing.assert_allclose(axis, flat / np.linalg.norm(flat), atol=1e-9)
+
+
+LIGHT = DirectionalLight((0.2, -1.0, -0.3))
+AHEAD = Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=100.0, half_fov=0.5)
+POSTS = np.array([[-3.0, 0.0, -5.0], [2.0, 0.0, -9.0], [4.0, 1.0, -40.0], [-9.0, 2.0, -60.0]])
+
+
+@pytest.mark.parametrize("how", ["view", "gradient", "middle", "best"])
+@pytest.mark.parametrize(
+    ("points", "light", "outcome"),
+    [
+        (np.zeros((0, 3)), (0.2, -1.0, -0.3), Outcome.empty),
+        (POSTS[:1], (0.2, -1.0, -0.3), Outcome.flat),
+        (POSTS, (0.0, 0.0, -1.0), None),  # a light along the view: Z_w is free
+        (POSTS * [1, 1, 0] - [0, 0, 20], (0.2, -1.0, -0.3), None),  # a wall that faces the viewer: z is constant
+        (np.array([[0.0, 0, -5], [0, 0, -9], [0, 0, -40]]), (0.0, -1.0, 0.0), None),  # a line in the light's plane
+        (np.array([[0.0, 3, -5], [0, 0, -5], [0, -3, -5]]), (0.0, -1.0, 0.0), Outcome.flat),  # along the light
+    ],
+    ids=["none", "one", "along the view", "a wall", "a line", "along the light"],
+)
+def test_degenerate_cases(how, points, light, outcome):
+    """theory2's table: finite numbers, a map that holds the receivers, and never worse than the view's direction."""
+    view = SceneView(AHEAD, DirectionalLight(light), PointReceivers(points), warp_direction=how, lateral="free")
+    found = optimal_warp(view, STORAGE)
+    assert all(np.isfinite(leaf).all() for leaf in (found.value, found.warp.eta, found.direction, found.unturned))
+    if outcome is not None:
+        assert Outcome(int(found.result)) is outcome
+        assert found.value == 0
+    matrix = np.asarray(warpopt.shadow_matrix(view, found))
+    assert np.isfinite(matrix).all()
+    if len(points):
+        clip = np.c_[points, np.ones(len(points))] @ matrix.T
+        assert (np.abs(clip[:, :2]) <= clip[:, 3:] * (1 + 1e-6)).all()
+    if how == "best":
+        assert found.value <= found.unturned * (1 + 1e-12)
+
+
+def test_a_plane_seen_edge_on_or_behind():
+    """A plane behind the camera, through the eye, and along the light."""
+    for normal, offset, light in (
+        ((0, 0, 1), -5.0, LIGHT),
+        ((0, 1, 0), -2.0, LIGHT),
+        ((1, 0, 0), 0.0, (0.0, -1.0, -1.0)),
+    ):
+        direction = light if isinstance(light, DirectionalLight) else DirectionalLight(light)
+        view = SceneView(AHEAD, direction, GroundPlane(normal, offset), warp_direction="best", lateral="free")
+        found = optimal_warp(view, STORAGE)
+        assert np.isfinite(found.value)
+        assert np.isfinite(warpopt.shadow_matrix(view, found)).all()
+
+
+POINTS = PointReceivers(POSTS)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"warp_direction": "up"}, "warp_direction: got 'up', expected 'view', 'gradient', 'middle' or 'best'"),
+        ({"warp_direction": (0.2, -1.0, -0.3)}, "expected a vector that is not along the light"),
+        ({"warp_direction": (0.0, 0.0, 0.0)}, "warp_direction: got 0.0, expected a vector that is not zero"),
+        ({"warp_direction": (np.nan, 0.0, 1.0)}, "warp_direction: got nan, expected finite numbers"),
+        ({"warp_direction": (1.0, 0.0)}, r"warp_direction: got shape \(2,\), expected \(3,\)"),
+        ({"map_aspect": 0.0}, "map_aspect: got 0.0, expected a positive number, or 'best'"),
+        ({"map_aspect": -1.0}, "map_aspect: got -1.0, expected a positive number"),
+        ({"map_aspect": np.nan}, "map_aspect: got nan"),
+        ({"map_aspect": "wide"}, "map_aspect: got 'wide', expected 'best' or a positive number"),
+        ({"map_aspect": (1.0, 2.0)}, r"map_aspect: got shape \(2,\), expected one number"),
+        ({"lateral": "none"}, "lateral: got 'none', expected 'eye' or 'free'"),
+        ({"turn_only_if": 0.9}, "turn_only_if: got 0.9, expected a finite number >= 1"),
+    ],
+)
+def test_views_refuse(options, message):
+    with pytest.raises(ValueError, match=message):
+        SceneView(AHEAD, LIGHT, POINTS, **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "objective", "message"),
+    [
+        (
+            {"warp_direction": "best"},
+            Objective(),
+            "warp_direction: got 'best' with E_p, norm inf, which does not compare",
+        ),
+        ({"warp_direction": "best"}, Objective("q"), "expected 'pxq', 'storage', 'edge' or 'band'"),
+        ({"warp_direction": "best"}, Objective("max"), "warp_direction: got 'best' with E_max, norm inf"),
+        (
+            {"map_aspect": "best"},
+            Objective("p", "l2"),
+            "got 'best' with E_p, norm l2, which a map of slivers",
+        ),
+        ({"lateral": "free"}, EDGE, "lateral: got 'free' with edge, norm l1"),
+    ],
+)
+def test_solves_refuse(options, objective, message):
+    with pytest.raises(ValueError, match=message):
+        optimal_warp(SceneView(AHEAD, LIGHT, POINTS, **options), objective)
+
+
+def test_what_needs_a_direction_asks_for_it():
+    """A searched direction is the solution's: a bare warp does not know it."""
+    view = SceneView(AHEAD, LIGHT, POINTS, warp_direction="best")
+    found = optimal_warp(view, STORAGE)
+    words = "warp_direction: got 'best', which optimal_warp finds, expected its solution"
+    for call in (view.frame, view.footprint, view.reduced, lambda: error_norm(view, found.warp, STORAGE)):
+        with pytest.raises(ValueError, match=words):
+            call()
+    assert float(error_norm(view, found, STORAGE)) == pytest.approx(float(found.value), rel=1e-12)
+    turned = view.along(found)
+    assert float(error_norm(turned, found.warp, STORAGE)) == pytest.approx(float(found.value), rel=1e-12)
+    np.testing.assert_allclose(
+        warpopt.shadow_matrix(view, found), warpopt.shadow_matrix(turned, found.warp), atol=1e-12
+    )
+    with pytest.raises(ValueError, match="solution: got 3, expected a SceneSolution of this view"):
+        view.along(3)
+    with pytest.raises(ValueError, match="norm: got 'l2', expected 'inf' with metric 'storage'"):
+        Objective("storage", "l2")
+
+
+def test_ground_refuses():
+    with pytest.raises(ValueError, match=r"normal: got 0\.0, expected a vector that is not zero"):
+        GroundPlane((0, 0, 0), 1.0)
+    with pytest.raises(ValueError, match="norm: got 'l2' with GroundPlane, expected 'inf'"):
+        optimal_warp(SceneView(AHEAD, LIGHT, GroundPlane((0, 1, 0), 0)), Objective("p", "l2"))
+    endless = Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=np.inf, half_fov=0.5)
+    with pytest.raises(ValueError, match="receivers: got a plane that a camera with far = inf sees to its horizon"):
+        optimal_warp(SceneView(endless, LIGHT, GroundPlane((0, 1, 0), 0)))
+    steep = Camera((0, 2, 0), (0, -1, 0), (0, 0, 1), near=0.1, far=np.inf, half_fov=0.5)
+    assert np.isfinite(optimal_warp(SceneView(steep, LIGHT, GroundPlane((0, 1, 0), 0))).value)
+
+
+def test_rules_are_compared_along_the_view():
+    """Rules and "no warp" have the view's direction and an axis through the eye; the optimum is the turned one."""
+    box = ConvexBody.box((-20, 0, -60), (20, 2, -3))
+    lights = jax.vmap(DirectionalLight)(np.array([[0.6, -0.5, -1.0], [0.0, -1.0, 0.0]]))
+    turned = SceneView(AHEAD, lights, box, warp_direction="best", lateral="free")
+    straight = SceneView(AHEAD, lights, box)
+    found, plain = (warpopt.compare_rules(view, ["lispsm"], STORAGE) for view in (turned, straight))
+    np.testing.assert_allclose(found.values, plain.values, rtol=1e-12)
+    np.testing.assert_allclose(found.unwarped, plain.unwarped, rtol=1e-12)
+    assert (found.solution.value <= plain.solution.value * (1 + 1e-9)).all()
+    assert found.solution.value[0] < 0.9 * plain.solution.value[0]
+    assert (found.bound == plain.bound).all()
+
+
+def test_single_precision():
+    """float32 inputs, also with x64 on: the same direction's value to single precision."""
+    _, world, lights, _ = sets()
+    double = optimal_warp(view_of(world[0], lights[0], warp_direction="best"), STORAGE)
+    camera = jax.tree.map(lambda v: v.astype(jnp.float32), CAMERA)
+    view = SceneView(
+        camera, DirectionalLight(np.float32(lights[0])), PointReceivers(np.float32(world[0])), warp_direction="best"
+    )
+    single = optimal_warp(view, STORAGE)
+    assert single.value.dtype == np.float32
+    assert single.direction.dtype == np.float32
+    assert float(single.value) == pytest.approx(float(double.value), rel=1e-3)
