@@ -18,12 +18,14 @@ from ..objective import Objective
 from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
 from ..theory.light_space import LightDepth
-from .bins import BINS, Groups, bin_of, extent_of, from_groups, with_moments
+from .bins import BINS, bin_of, ends, extent_of, from_groups, grouped, with_moments
 from .footprint import Footprint
 from .receivers import Receivers
 from .samples import Samples
 
-_COLUMNS, _ROWS = 64, 36  # tiles of the screen
+# Tiles of the screen, across and down. For maxima more: what cells add to an extent is first order in their size, what
+# centroids lose of a mean is second order.
+_FOR_MAXIMA, _FOR_MEANS = (42, 24), (32, 18)
 _LEAST_TILE = 2  # pixels along a side: smaller buffers have fewer tiles
 
 
@@ -55,29 +57,11 @@ class Sketch(Receivers):
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`. Conservative: of each cell's corners."""
-        there = jnp.isfinite(self.near)
-        near, far = jnp.where(there, self.near, 1), jnp.where(there, self.far, 1)
-        one = jnp.ones_like(near)
-        slopes = jnp.stack(
-            [
-                jnp.stack([x, y, one], -1)
-                for x in (self.low[:, 0], self.high[:, 0])
-                for y in (self.low[:, 1], self.high[:, 1])
-            ]
-        )
-
-        def extents(axis: Array) -> tuple[Array, Array]:
-            """(least, largest) of axis . c."""
-            along = slopes @ axis
-            least, largest = along.min(0), along.max(0)
-            least, largest = (
-                least * jnp.where(least > 0, near, far), largest * jnp.where(largest > 0, far, near),
-            )  # fmt: skip
-            return jnp.where(there, least, jnp.inf), jnp.where(there, largest, -jnp.inf)
-
-        (d, d_far), (x, x_far), (h, h_far) = (extents(axis) for axis in (frame.z_axis, frame.x_axis, frame.light))
-        cells = Groups(d, d_far, x, x_far, h, h_far, jnp.where(there, near, jnp.inf))
-        footprint = from_groups(_binned(cells, there), camera.near)
+        corners, there = self._corners()
+        d, x, h, z = frame.depth(corners), frame.lateral(corners), frame.along_light(corners), corners[:, 2]
+        start, end = ends(there, d)
+        share = (d - start) / jnp.where(end > start, end - start, 1)
+        footprint = from_groups(grouped(there, d, x, h, z, bin_of(jnp.where(there, share, 0)), BINS), camera.near)
         if self.sums is None:
             return footprint
         sums = self.sums
@@ -102,29 +86,25 @@ class Sketch(Receivers):
         return extent_of(self.near, jnp.isfinite(self.near))
 
     def places(self, camera: Camera) -> tuple[Float[Array, "N 3"], Float[Array, " N"]]:
-        """See `Receivers`: the middle of each cell at both depths."""
+        """See `Receivers`: each cell's corners."""
+        corners, there = self._corners()
+        return corners, there.astype(corners.dtype)
+
+    def _corners(self) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
+        """(the corners of all cells, which there are): a map that holds them holds the cells, which are convex."""
         there = jnp.isfinite(self.near)
-        middle = jnp.where(there[:, None], (self.low + self.high) / 2, 0)
-        middle = jnp.concatenate([middle, jnp.ones_like(middle[:, :1])], -1)
-        z = jnp.where(there, jnp.stack([self.near, self.far]), 1)
-        return (middle * z[..., None]).reshape(-1, 3), jnp.concatenate([there, there]).astype(z.dtype)
+        one = jnp.ones_like(self.near)
+        slopes = [jnp.stack([x, y, one], -1) for x in self._ends(0) for y in self._ends(1)]
+        depths = [jnp.where(there, z, 1) for z in (self.near, self.far)]
+        corners = jnp.concatenate([slope * z[:, None] for slope in slopes for z in depths])
+        return corners, jnp.tile(there, 8)
+
+    def _ends(self, i: int) -> tuple[Float[Array, " C"], Float[Array, " C"]]:
+        return self.low[:, i], self.high[:, i]
 
 
-def _binned(cells: Groups, there: Array) -> Groups:
-    """Joined by their depth along Z_w, if they are many."""
-    if there.size <= BINS:
-        return cells
-    start, end = cells.least_depth.min(), cells.largest_depth.max()
-    share = (cells.least_depth - start) / jnp.where(end > start, end - start, 1)
-    which = bin_of(jnp.where(there, share, 0))
-
-    def least(values: Array) -> Array:
-        return jax.ops.segment_min(values, which, BINS)
-
-    return Groups(
-        least(cells.least_depth), -least(-cells.largest_depth), least(cells.least_lateral),
-        -least(-cells.largest_lateral), least(cells.least_light), -least(-cells.largest_light), least(cells.z),
-    )  # fmt: skip
+def _tiles(objective: Objective) -> tuple[int, int]:
+    return _FOR_MAXIMA if objective.supremum else _FOR_MEANS
 
 
 def _exponent(objective: Objective) -> float:
@@ -150,7 +130,10 @@ def sketch_of_pixels(
         objective: gives the order P of the mean.
     """
     height, width = z.shape
-    down, aside = (max(_LEAST_TILE, -(-size // count)) for size, count in ((height, _ROWS), (width, _COLUMNS)))
+    down, aside = (
+        max(_LEAST_TILE, -(-size // count))
+        for size, count in zip((height, width), reversed(_tiles(objective)), strict=True)
+    )
     rows, columns = -(-height // down), -(-width // aside)
     pad = ((0, rows * down - height), (0, columns * aside - width))
 
@@ -225,10 +208,11 @@ def sketch_of_points(
     z = jnp.where(seen, points[:, 2], 1)
     slopes = jnp.where(seen[:, None], points[:, :2] / z[:, None], 0)
     place = (slopes - jnp.stack([left, bottom])) / jnp.stack([right - left, top - bottom])
+    columns, rows = _tiles(objective)
     column, row = (
-        jnp.clip((place[:, i] * count).astype(jnp.int32), 0, count - 1) for i, count in ((0, _COLUMNS), (1, _ROWS))
+        jnp.clip((place[:, i] * count).astype(jnp.int32), 0, count - 1) for i, count in ((0, columns), (1, rows))
     )
-    tile, count = row * _COLUMNS + column, _COLUMNS * _ROWS
+    tile, count = row * columns + column, columns * rows
 
     def least(values: Array, which: Array, count: int) -> Array:
         return jax.ops.segment_min(jnp.where(seen, values, jnp.inf), which, count)

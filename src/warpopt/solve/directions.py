@@ -20,8 +20,8 @@ from .scene_norm import log_norm_of, product_norm
 _EVEN = 32  # directions, the view's among them; the norm has 2 to 5 local minima over them
 _TOGETHER = 12  # directions in one batch
 _REFINED = 3  # of the best are refined
-_ROUNDS = 4  # of refinement, each of which divides the spacing by 3: from 11 degrees to 0.14
-_TOLERANCE = 1e-4  # of a norm in the search; the warp that is returned has its own certificate
+_ROUNDS = 3  # of refinement, each of which divides the spacing by 3: from 11 degrees to 0.4
+_TOLERANCE = 1e-3  # of a norm in the search; the warp that is returned has its own certificate
 _MOST_ASPECT = 8.0
 _ALTERNATIONS = 3  # of eta and aspect
 _HALVINGS = 24  # of log(aspect)
@@ -33,7 +33,7 @@ def best_turn(
     """(cosine and sine of the turn from a frame's Z_w towards its X_w with the least norm, how many were tried).
 
     32 even turns and the gradient's; then, around each of the three best, turns at a third and two thirds of the
-    spacing on both sides, four times. Of the search nothing is differentiated: at the best turn the norm's derivative
+    spacing on both sides, three times. Of the search nothing is differentiated: at the best turn the norm's derivative
     is that of a fixed direction (the envelope theorem).
     """
     view, ahead, min_eta = jax.lax.stop_gradient((view, ahead, min_eta))

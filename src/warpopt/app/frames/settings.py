@@ -100,8 +100,8 @@ class FramesConfig(SceneSettings):
             raise ValueError("weights: got some, expected none: frames finds the edges of what it renders")
         if self.warp.model_fields_set - {"turn_only_if"}:
             raise ValueError(
-                "warp: got a direction, an aspect or a lateral fit, expected turn_only_if alone: turned warps are named "
-                "in frames.warps, such as 'turned-edge'"
+                "warp: got a direction, an aspect or a lateral fit, expected turn_only_if alone: frames.warps names "
+                "turned warps, such as 'turned-edge'"
             )
         if not (self.receivers.gltf or self.receivers.landscape or self.receivers.made):
             raise ValueError(
