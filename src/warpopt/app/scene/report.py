@@ -64,6 +64,7 @@ def scene_report(config: SceneConfig, scene: SceneInput, solved: list[Solved], f
                 f"## {objective.title}\n",
                 _gain(mine),
                 _turned(config, mine),
+                _storage(config, mine),
                 _limit(mine),
                 markdown_table(list(_HEADS.values()), rows),
             ]
@@ -117,14 +118,29 @@ def _turned(config: SceneConfig, mine: list[Solved]) -> str:
         if turned:
             gains = [(row["unturned"] / row["value"], row["light"], row["turn_deg"]) for row in turned]
             (most, where, degrees), (least, _, _) = max(gains), min(gains)
+            factor = f"{least:.3g} to {most:.3g}" if len(gains) > 1 else f"{most:.3g}"
             parts.append(
-                f"There, turning the warp divides the error by {least:.3g} to {most:.3g} (light {where}: by "
-                f"{degrees:.0f} degrees). The best direction may jump from frame to frame."
+                f"There, turning the warp divides the error by {factor} (light {where}: by {degrees:.0f} degrees). The "
+                "best direction may jump from frame to frame."
             )
     if config.warp.aspect == "best":
         aspects = [row["shares"][0] / row["shares"][1] for row in (s.row for s in mine)]
         parts.append(f"Aspects are {min(aspects):.3g} to {max(aspects):.3g} times that of the map, at as many texels.")
     return " ".join(parts) + "\n" if parts else ""
+
+
+def _storage(config: SceneConfig, mine: list[Solved]) -> str:
+    """The texels that the first problem needs, in words."""
+    row = mine[0].row
+    if row["metric"] != "storage" or not row["value"] or not config.objective.shadow_map:
+        return ""
+    texels = config.objective.shadow_map[0] * config.objective.shadow_map[1] / 1e6
+    numbers = [f"{row[key] * texels:.3g}" for key in ("unwarped", "value", "limit") if row[key] is not None]
+    least = f", and any maps at least {numbers[2]}" if len(numbers) > 2 else ""
+    return (
+        f"For a texel at every pixel, light {row['light']} needs {numbers[0]} million texels without a warp, "
+        f"{numbers[1]} with the optimal one{least}.\n"
+    )
 
 
 def _limit(mine: list[Solved]) -> str:
