@@ -84,8 +84,8 @@ def tables(records: list[dict]) -> str:
         for value in [np.exp(np.log(errors(records, f"shaped-{name}", 1.1) / base).mean())]
     )
     return (
-        f"{len(records)} frames of {len({r['scene'] for r in records})} scenes, as in [pixels.md](pixels.md), by the angle "
-        f"between light and view; maps of 1024 x 1024 texels. Goals, turned and shaped: {goals}.\n\n"
+        f"{len(records)} frames of {len({r['scene'] for r in records})} scenes, as in [pixels.md](pixels.md), by the "
+        f"angle between light and view; maps of 1024 x 1024 texels. Goals, turned and shaped: {goals}.\n\n"
         + table(heads, rows)
     )
 
