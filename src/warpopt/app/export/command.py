@@ -20,14 +20,16 @@ class Export(Plain):
     directory: Path = Path(".")
     """Output folder; the files are named after the table."""
     metric: str | None = None
-    """Metric of the closed form: p (default), q or pxq."""
+    """Metric of the closed form: p (default), q or pxq; over the ground p, pxq or storage."""
+    receivers: str = "frustum"
+    """Of the closed form: frustum, the whole view frustum, or ground, level ground: direction, eta and matrix."""
     prefix: str = "warpopt"
     """Prefix of the names in code; needed for several tables in one program."""
 
     def run(self) -> int:
         from .request import ExportRequest
 
-        request = ExportRequest.of(self.table, self.to, self.directory, self.metric, self.prefix)
+        request = ExportRequest.of(self.table, self.to, self.directory, self.metric, self.receivers, self.prefix)
         prepare_jax()
         from .run import export
 

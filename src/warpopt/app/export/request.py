@@ -4,6 +4,7 @@ import dataclasses
 from pathlib import Path
 from typing import get_args
 
+from warpopt.export.ground import GroundMetric
 from warpopt.export.program import checked_prefix
 
 from ..common.output import TABLE_ENDINGS
@@ -11,6 +12,7 @@ from ..common.settings import ConfigError, Metric
 
 CLOSED_FORM = "closed-form"
 _CODE = ("c", "cpp", "glsl", "hlsl", "wgsl")
+_METRICS = {"frustum": get_args(Metric), "ground": get_args(GroundMetric)}
 _DATA = tuple(ending[1:] for ending in TABLE_ENDINGS)
 
 
@@ -19,20 +21,23 @@ class ExportRequest:
     """What to export, to which languages and formats, and to which folder.
 
     Attributes:
-        table: its file; None for the closed form of `metric`.
+        table: its file; None for the closed form of `metric` over `receivers`.
         code: languages; data: formats of tables; both in the requested order without duplicates.
         prefix: of the names in code.
     """
 
     table: Path | None
     metric: str
+    receivers: str
     code: tuple[str, ...]
     data: tuple[str, ...]
     directory: Path
     prefix: str
 
     @classmethod
-    def of(cls, table: str, to: str, directory: Path, metric: str | None, prefix: str) -> "ExportRequest":
+    def of(
+        cls, table: str, to: str, directory: Path, metric: str | None, receivers: str, prefix: str
+    ) -> "ExportRequest":
         """The request from the command line's arguments.
 
         Raises:
@@ -48,8 +53,12 @@ class ExportRequest:
             )
         if not closed and metric is not None:
             flaws.append(f"  metric: got {metric!r} with a table, which has a metric")
-        if closed and metric is not None and metric not in get_args(Metric):
-            flaws.append(f"  metric: got {metric!r}, expected {', '.join(get_args(Metric))}")
+        if receivers not in _METRICS:
+            flaws.append(f"  receivers: got {receivers!r}, expected {', '.join(_METRICS)}")
+        elif not closed and receivers != "frustum":
+            flaws.append(f"  receivers: got {receivers!r} with a table, which is for frusta")
+        elif closed and metric is not None and metric not in _METRICS[receivers]:
+            flaws.append(f"  metric: got {metric!r}, expected {', '.join(_METRICS[receivers])}")
         try:
             checked_prefix(prefix)
         except ValueError as flaw:
@@ -57,4 +66,4 @@ class ExportRequest:
         if flaws:
             raise ConfigError("\n".join([f"command line: {len(flaws)} error{'s' * (len(flaws) > 1)}", *flaws]))
         code, data = (tuple(name for name in names if name in kind) for kind in (_CODE, _DATA))
-        return cls(None if closed else Path(table), metric or "p", code, data, directory, prefix)
+        return cls(None if closed else Path(table), metric or "p", receivers, code, data, directory, prefix)

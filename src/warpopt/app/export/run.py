@@ -4,6 +4,7 @@ from pathlib import Path
 
 from warpopt._data_files import DataFileError
 from warpopt.export.closed_form import closed_form_source
+from warpopt.export.ground import ground_source
 from warpopt.export.languages import LANGUAGES
 from warpopt.export.lookup import source
 from warpopt.table.lambda_table import LambdaTable
@@ -24,8 +25,11 @@ def export(request: ExportRequest) -> int:
     contents: dict[Path, bytes] = {}
     if request.table is None:
         for form in languages:
-            text = closed_form_source(request.metric, form, request.prefix)
-            contents[directory / f"closed_form_{request.metric}{form.suffix}"] = text.encode()
+            made, name = (
+                (ground_source, "ground_") if request.receivers == "ground" else (closed_form_source, "closed_form_")
+            )
+            text = made(request.metric, form, request.prefix)
+            contents[directory / f"{name}{request.metric}{form.suffix}"] = text.encode()
     else:
         try:
             table = LambdaTable.load(request.table)
