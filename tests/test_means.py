@@ -13,7 +13,7 @@ from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, PointRece
 from warpopt.receivers.weighted import cells
 from warpopt.receivers.weighted.weights import Weights
 from warpopt.solve.means.sample_norm import Touch
-from warpopt.solve.means.sample_optimum import excess_of_cells
+from warpopt.solve.means.cell_bounds import corner_mean, covariance_loss, excess_of_cells
 from warpopt.solve.means.weak_convexity import least
 from warpopt.solve.pieces import value_at
 from warpopt.solve.scene import _log_norm

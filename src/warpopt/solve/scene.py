@@ -14,8 +14,9 @@ from ..theory.light_frame import LightFrame
 from ..theory.warp import Warp
 from ..views import SceneView, one_light, settled
 from .footprint_optimum import LogNorm, Term, minimise
+from .means.cell_bounds import excess_of_cells
 from .means.sample_norm import SampleNorm
-from .means.sample_optimum import excess_of_cells, minimise_mean
+from .means.sample_optimum import minimise_mean
 from .outcome import Outcome
 from .pieces import Optimum, value_at
 from .solution import SceneSolution

@@ -22,6 +22,7 @@ class LightFrame(eqx.Module):
         theta: angle between light and view, radians in [0, pi].
         parallel: whether Z_w is fixed to the screen's down axis.
         density_p, density_q: screen units per unit slope (x/z, y/z) along the screen images of Z_w and X_w.
+        screen_axes: unit vectors (right, up) in pixels: the screen images of Z_w, on lit surfaces, and of X_w.
         pixel_ratio: a length on the screen along X_w's image over the same along Z_w's, in pixels; 1 for square pixels.
 
     Example:
@@ -40,6 +41,7 @@ class LightFrame(eqx.Module):
     density_p: Float[Array, ""]
     density_q: Float[Array, ""]
     pixel_ratio: Float[Array, ""]
+    screen_axes: Float[Array, "2 2"]
 
     def __init__(
         self,
@@ -88,11 +90,21 @@ class LightFrame(eqx.Module):
         dx, dy = x_axis[0], x_axis[1]
         across = jnp.sqrt((dx * width) ** 2 + (dy * height) ** 2)
         along = jnp.sqrt((dy * width) ** 2 + (dx * height) ** 2)
+        # Along Z_w a lit surface leads against the light's direction on the screen, whichever way it is turned.
+        images = jnp.stack([jnp.stack([dy * width, -dx * height]) / along, jnp.stack([dx * width, dy * height]) / across])
+        self.screen_axes = images
         self.density_q, self.density_p, self.pixel_ratio = across / t, along / s, across / along
 
     def depth(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
         """Z_w . c for points in eye coordinates."""
         return jnp.asarray(points) @ self.z_axis
+
+    def across_edges(
+        self, right: Float[Array, "..."], up: Float[Array, "..."]
+    ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+        """Components of edges' unit normals (right, up) in pixels along the screen images of Z_w and X_w."""
+        along, across = (right * axis[0] + up * axis[1] for axis in self.screen_axes)
+        return along, across
 
     def lateral(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
         """X_w . c."""

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._numerics import larger
+from .._numerics import larger, smaller
 
 
 def longest_edge(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -61,6 +61,32 @@ def edge_offset(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float
     rows = _side(q, ends, shear, p / 2)
     columns = _side(p * secant, ends, q * jnp.abs(sigma) / secant, q / (2 * secant))
     return jnp.where(scale > 0, scale * (2 / (3 * jnp.pi)) * (rows + columns), 0)
+
+
+def lean(
+    e_p: Float[Array, "..."], sigma: Float[Array, "..."], normal: tuple[Float[Array, "..."], Float[Array, "..."]]
+) -> Float[Array, "..."]:
+    """The signed extent across an edge of a texel's column edge: E_p (c + sigma s), for the edge's unit normal (c, s).
+
+    Example:
+        >>> float(lean(*map(jnp.asarray, (2.0, 0.5)), (jnp.asarray(0.6), jnp.asarray(-0.8))))
+        0.4
+    """
+    return e_p * (normal[0] + sigma * normal[1])
+
+
+def offset_across(column: Float[Array, "..."], row: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The expected offset of an edge across which a texel's two edges extend by these lengths.
+
+    The mean of |u a + v b| with u and v uniform in [-1/2, 1/2]: max/4 + min^2/(12 max) of |a| and |b|.
+
+    Example:
+        >>> float(offset_across(jnp.asarray(-4.0), jnp.asarray(0.0))), float(offset_across(*map(jnp.asarray, (3.0, 3.0))))
+        (1.0, 1.0)
+    """
+    a, b = jnp.abs(column), jnp.abs(row)
+    most, least = larger(a, b), smaller(a, b)
+    return most / 4 + least * least / (12 * jnp.where(most > 0, most, 1))
 
 
 def _side(length: Array, ends: Array, middle: Array, height: Array) -> Array:

@@ -10,7 +10,14 @@ and by the gradients of k at m, which are not negative, J lies above a parabola 
 
     J(eta) >= J(m) + J'(m) (eta - m) - C(m) (eta - m)^2,    C(m) = |w'(m)| sum of w_i a_i' dk^P/dE_q.
 
-J may have several local minima; a few such parabolas bound them all (`weak_convexity`).
+Beside an edge of known normal (c, s), k is that of E_p (c + sigma s) and E_q s. In eta the former is linear but for a
+term g/eta, which is convex or concave by the sign of g and of k's derivative; where it is concave,
+
+    1/eta = 1/m - (eta - m)/m^2 + (eta - m)^2/(m^2 eta)
+
+adds -D(m) (eta - m)^2 / eta, with D(m) = sum of w_i |g_i dk^P/d(E_p (c + sigma s))| / m^2 over these.
+
+J may have several local minima; a few such curves bound them all (`weak_convexity`).
 """
 
 from typing import NamedTuple
@@ -18,21 +25,26 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._numerics import power
 from ...receivers.footprint import Footprint
 from ...receivers.samples import Samples
 from ...theory.light_space import LightDepth
-from ...theory.texel import KERNELS
+from ...theory.texel import KERNELS, lean, offset_across
 
 
 class Touch(NamedTuple):
-    """J at some eta, its slope, and C: the parabola that touches J there from below."""
+    """J at some eta, its slope, C and D: the curve that touches J there from below.
+
+    value + slope (e - eta) - (bend + pole / e) (e - eta)^2
+    """
 
     value: Float[Array, ""]
     slope: Float[Array, ""]
     bend: Float[Array, ""]
+    pole: Float[Array, ""]
 
 
 class Selection(NamedTuple):
@@ -100,52 +112,23 @@ class SampleNorm(eqx.Module):
         return jax.jvp(lambda v: self.value(v, active), (u,), (jnp.ones_like(u),))[1]
 
     def touch(self, eta: Float[Array, ""]) -> Touch:
-        """The parabola that touches J at eta."""
+        """The curve that touches J at eta."""
         width, widening = self._widening(eta)
+        directed = self.footprint.directed if self.kernel == "band" else None
+        zero = jnp.zeros_like(eta)
 
-        def mean(eta: Array, width: Array, more: Array) -> Array:
-            e_p, sigma, e_q = self._texels(eta, width)
-            return self._sum(e_p, sigma, e_q + more * self.samples.depth.one_minus_delta)
-
-        # One pass backwards for all three: compiling takes most of a first call.
-        value, (by_eta, by_width, rise) = jax.value_and_grad(mean, (0, 1, 2))(eta, width, jnp.zeros_like(eta))
-        return Touch(value, by_eta + by_width * widening, self.across * jnp.abs(widening) * rise)
-
-    def corner_mean(self, eta: Float[Array, ""]) -> Float[Array, ""]:
-        """An upper bound on J for the individual receivers: the size interpolated between the cells' corners.
-
-        It is convex in delta at a given distance and in the distance at a given delta.
-        """
-        samples, corners = self.samples, self.samples.corners
-        width = self._width(eta, *self._edges(eta))
-        if corners is None:
-            return self._sum(*self._texels(eta, width))
-        u, v, uv = corners.u, corners.v, corners.uv
-        depth = LightDepth(*(jnp.stack(ends)[:, None] for ends in zip(corners.near, corners.far, strict=True)))
-        lateral = jnp.stack([corners.inner, corners.outer])
-        share = jnp.stack([jnp.stack([1 - u - v + uv, v - uv]), jnp.stack([u - uv, uv])])
-        size = KERNELS[self.kernel](*self._errors(depth, lateral, eta, width))
-        return (samples.weight * jnp.where(share > 0, share, 0) * power(size, self.order)).sum()
-
-    def covariance_loss(self, eta: Float[Array, ""]) -> Float[Array, ""]:
-        """How far J of the individual receivers may lie below the centroids', as a share; falls as eta rises.
-
-        The size is A k(.) with k(.) convex in (A, x): with g its slope in x, a cell's mean is at least its centroid's
-        size plus g times the covariance of A and x, and g is at most k / max(A, x (1 - eta) / mu). For a power P > 1 it
-        is the covariance of A^P and x, at most a quarter of the product of their ranges.
-        """
-        samples, corners = self.samples, self.samples.corners
-        if corners is None or self.kernel == "max":
-            return jnp.zeros_like(eta)
-        spread = (corners.far.delta - corners.near.delta) * (corners.outer - corners.inner)
-        blend = samples.depth.blend(eta)
-        if self.order == 1:
-            share = jnp.abs(corners.uv - corners.u * corners.v)
-        else:
-            share = 0.25 * self.order**2 * power(corners.far.blend(eta) / blend, self.order - 1)
-        shear = samples.lateral * (1 - eta)
-        loss = share * spread * (1 - eta) ** 2 / (blend * jnp.where(shear > blend, shear, blend))
-        return jnp.where(samples.weight > 0, loss, 0).max()
+        # One pass backwards for all: compiling takes most of a first call.
+        leaning = zero if directed is None else jnp.zeros_like(directed.weight)
+        value, slopes = jax.value_and_grad(self._sum, (0, 1, 2, 3))(eta, width, zero, leaning)
+        by_eta, by_width, rise, by_lean = slopes
+        pole = zero
+        if directed is not None and directed.normal is not None:
+            c, s = directed.normal
+            delta = directed.depth.delta
+            over_eta = self.along * delta * (c * delta + s * directed.lateral * self.pixel_ratio)
+            concave = -by_lean * over_eta
+            pole = jnp.where(concave > 0, concave, 0).sum() / (eta * eta)
+        return Touch(value, by_eta + by_width * widening, self.across * jnp.abs(widening) * rise, pole)
 
     def _widening(self, eta: Array) -> tuple[Array, Array]:
         """(the width, its slope), without an argmax, which takes longer than all the rest."""
@@ -174,23 +157,40 @@ class SampleNorm(eqx.Module):
 
         return span(sides.right, right) + span(sides.left, left)
 
-    def _texels(self, eta: Array, width: Array) -> tuple[Array, Array, Array]:
-        return self._errors(self.samples.depth, self.samples.lateral, eta, width)
+    def width(self, eta: Float[Array, ""]) -> Float[Array, ""]:
+        """The map's width at A = 1."""
+        return self._width(eta, *self._edges(eta))
 
-    def _errors(self, depth: LightDepth, lateral: Array, eta: Array, width: Array) -> tuple[Array, Array, Array]:
+    def errors(
+        self, depth: LightDepth, lateral: Array, eta: Array, width: Array
+    ) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
         """(E_p, sigma, E_q) at `footprint.unit`: theory2 section 0."""
         blend = depth.blend(eta)
         sigma = lateral * ((1 - eta) * self.pixel_ratio) / blend
         return self.along * blend * blend / eta, sigma, self.across * width * blend
 
-    def _sum(self, e_p: Array, sigma: Array, e_q: Array) -> Array:
-        return (self.samples.weight * power(KERNELS[self.kernel](e_p, sigma, e_q), self.order)).sum()
+    def _texels(self, eta: Array, width: Array) -> tuple[Array, Array, Array]:
+        return self.errors(self.samples.depth, self.samples.lateral, eta, width)
+
+    def _sum(self, eta: Array, width: Array, more: ArrayLike = 0.0, leaning: ArrayLike = 0.0) -> Array:
+        """J, with `more` (1 - delta) added to E_q and `leaning` to the columns' extents across edges."""
+        samples, directed = self.samples, self.footprint.directed
+        e_p, sigma, e_q = self._texels(eta, width)
+        size = KERNELS[self.kernel](e_p, sigma, e_q + more * samples.depth.one_minus_delta)
+        total = (samples.weight * power(size, self.order)).sum()
+        if directed is None or directed.normal is None or self.kernel != "band":
+            return total
+        e_p, sigma, e_q = self.errors(directed.depth, directed.lateral, eta, width)
+        row = (e_q + more * directed.depth.one_minus_delta) * directed.normal[1]
+        size = offset_across(lean(e_p, sigma, directed.normal) + leaning, row)
+        return total + (directed.weight * power(size, self.order)).sum()
 
     def _piece(self, u: Array, active: Selection) -> Array:
         eta = jnp.exp(u)
-        e_p, sigma, e_q = self._texels(eta, self._width(eta, active.right, active.left))
+        width = self._width(eta, active.right, active.left)
         if self.kernel == "band":
-            return self._sum(e_p, sigma, e_q)
+            return self._sum(eta, width)
+        e_p, sigma, e_q = self._texels(eta, width)
         column = e_p if self.kernel == "max" else e_p * jnp.sqrt(1 + sigma * sigma)
         return (self.samples.weight * power(jnp.where(active.across, e_q, column), self.order)).sum()
 
