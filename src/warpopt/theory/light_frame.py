@@ -91,7 +91,9 @@ class LightFrame(eqx.Module):
         across = jnp.sqrt((dx * width) ** 2 + (dy * height) ** 2)
         along = jnp.sqrt((dy * width) ** 2 + (dx * height) ** 2)
         # Along Z_w a lit surface leads against the light's direction on the screen, whichever way it is turned.
-        images = jnp.stack([jnp.stack([dy * width, -dx * height]) / along, jnp.stack([dx * width, dy * height]) / across])
+        images = jnp.stack(
+            [jnp.stack([dy * width, -dx * height]) / along, jnp.stack([dx * width, dy * height]) / across]
+        )
         self.screen_axes = images
         self.density_q, self.density_p, self.pixel_ratio = across / t, along / s, across / along
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._numerics import larger, smaller
+from .._numerics import larger
 
 
 def longest_edge(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -81,11 +81,11 @@ def offset_across(column: Float[Array, "..."], row: Float[Array, "..."]) -> Floa
     The mean of |u a + v b| with u and v uniform in [-1/2, 1/2]: max/4 + min^2/(12 max) of |a| and |b|.
 
     Example:
-        >>> float(offset_across(jnp.asarray(-4.0), jnp.asarray(0.0))), float(offset_across(*map(jnp.asarray, (3.0, 3.0))))
-        (1.0, 1.0)
+        >>> [float(offset_across(*map(jnp.asarray, extents))) for extents in ((-4.0, 0.0), (3.0, 3.0))]
+        [1.0, 1.0]
     """
     a, b = jnp.abs(column), jnp.abs(row)
-    most, least = larger(a, b), smaller(a, b)
+    most, least = larger(a, b), jnp.where(a > b, b, a)  # where they tie, one of each: the derivative is both's
     return most / 4 + least * least / (12 * jnp.where(most > 0, most, 1))
 
 

@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int, PyTree
 
 from ..._numerics import power, staged
@@ -124,12 +125,12 @@ def _direction(normal: Normal) -> tuple[Int[Array, "..."], Float[Array, "..."]]:
     return layer, jnp.where(size > 0, jnp.sqrt(_positive(square)), 1)
 
 
-def _normals(layer: Int[Array, " N"], count: int, dtype) -> Normal:
-    """The normals that layers stand for, of `count` in all."""
-    beside = (np.arange(count) + 0.5) / (count / 2) - 1
-    length = np.hypot(1 - abs(beside), beside)
-    along, beside = (jnp.asarray(v / length, dtype)[layer] for v in (1 - abs(beside), beside))
-    return along, beside
+def _normals(layer: Float[Array, " N"], count: int, dtype) -> Normal:
+    """The normals that layers stand for, of `count` in all; those between two for two together."""
+    beside = ((layer + 0.5) / (count / 2) - 1).astype(dtype)
+    along = 1 - jnp.abs(beside)
+    length = jnp.sqrt(along * along + beside * beside)
+    return along / length, beside / length
 
 
 def _in_cells(
@@ -180,7 +181,8 @@ def _in_cells(
     if directed:
         without = _occupied(sums[:, :, _DIRECTIONS:], (2, 1, 1), grid)
         return without, _occupied(sums[:, :, :_DIRECTIONS], (2, 2, 2), grid), sides
-    corners = _of_cells(sums.reshape(-1, 4), jnp.arange(depths * slopes), (depths, slopes, 1), grid).corners
+    every = jnp.unravel_index(jnp.arange(depths * slopes), (depths, slopes, 1))
+    corners = _of_cells(sums.reshape(-1, 4), every, (depths, slopes, 1), grid).corners
     wider = grid._replace(edges=ends(_FIRST_CELL, _DEPTHS, _CELL_BITS))
     samples = _occupied(sums.reshape(_DEPTHS, finer, _SLOPES, finer, 1, 4).sum((1, 3)), (2, 1, 1), wider)
     return eqx.tree_at(lambda s: s.corners, samples, corners), None, sides
@@ -196,29 +198,46 @@ class _Grid(NamedTuple):
 
 def _occupied(sums: Float[Array, "D C L 4"], merge: tuple[int, int, int], grid: _Grid) -> Samples:
     """The occupied cells; where they are more than there would be of cells larger by these factors, those."""
-    D, C, L = (size // by for size, by in zip(sums.shape[:3], merge, strict=True))
+    shape = sums.shape[:3]
+    D, C, L = wide = tuple(size // by for size, by in zip(shape, merge, strict=True))
     there = (sums[..., 0] > 0).ravel()
     room, count = D * C * L, there.sum()
 
-    def as_they_are() -> Samples:
+    def as_they_are() -> tuple[Array, tuple[Array, ...]]:
         (which,) = jnp.nonzero(there, size=room, fill_value=0)
         found = jnp.where((jnp.arange(room) < count)[:, None], sums.reshape(-1, 4)[which], 0)
-        return _of_cells(found, which, sums.shape[:3], grid)
+        return found, jnp.unravel_index(which, shape)
 
-    def merged() -> Samples:
+    def merged() -> tuple[Array, tuple[Array, ...]]:
         larger = sums.reshape(D, merge[0], C, merge[1], L, merge[2], 4).sum((1, 3, 5)).reshape(-1, 4)
-        return _of_cells(larger, jnp.arange(room), (D, C, L), grid._replace(edges=grid.edges[:: merge[0]]))
+        # The place of the first of those that are merged.
+        return larger, tuple(i * by for i, by in zip(jnp.unravel_index(jnp.arange(room), wide), merge, strict=True))
 
-    return jax.lax.cond(count <= room, as_they_are, merged)
+    few = count <= room
+    found, place = jax.lax.cond(few, as_they_are, merged)
+    return _of_cells(found, place, shape, grid, tuple(jnp.where(few, 1, by) for by in merge))
 
 
-def _of_cells(sums: Float[Array, "N 4"], which: Int[Array, " N"], shape: tuple[int, int, int], grid: _Grid) -> Samples:
-    """The centroids of some cells of a grid, with their corners; with normals where there are several layers."""
-    i, j, layer = jnp.unravel_index(which, shape)
-    first, last = (jnp.asarray(edges)[i] for edges in (grid.edges[:-1], grid.edges[1:]))
-    pitch = grid.widest / shape[1]
+def _of_cells(
+    sums: Float[Array, "N 4"],
+    place: tuple[Int[Array, " N"], ...],
+    shape: tuple[int, ...],
+    grid: _Grid,
+    size: tuple[ArrayLike, ...] = (1, 1, 1),
+) -> Samples:
+    """The centroids of some cells of a grid, with their corners; with normals where there are several layers.
+
+    Args:
+        sums: of each cell.
+        place: depth, slope and layer of its first.
+        shape: of the grid.
+        size: numbers of depths, slopes and layers of a cell.
+    """
+    i, j, layer = place
+    edges, pitch, offset = jnp.asarray(grid.edges), grid.widest / shape[1], grid.offset
+    first, last = edges[i], edges[i + size[0]]
     # A cell's receivers lie between two slopes and two depths: a trapezoid, in this rectangle.
-    inner, outer = j * pitch * (first + grid.offset), (j + 1) * pitch * (last + grid.offset)
+    inner, outer = j * pitch * (first + offset), (j + size[1]) * pitch * (last + offset)
     depth, width = _positive(last - first), outer - inner  # cells beyond delta = 1 are empty
     total = sums[:, 0]
     delta, lateral, both = (sums[:, i] / _positive(total) for i in (1, 2, 3))
@@ -227,7 +246,7 @@ def _of_cells(sums: Float[Array, "N 4"], which: Int[Array, " N"], shape: tuple[i
     u, v, uv = (jnp.where(total > 0, jnp.clip(place, 0, 1), 0.5) for place in (u, v, uv))  # rounding
     delta = jnp.where(total > 0, delta, (first + last) / 2)
     lateral = jnp.where(total > 0, lateral, (inner + outer) / 2)
-    normal = _normals(layer, shape[2], sums.dtype) if shape[2] > 1 else None
+    normal = None if shape[2] == 1 else _normals(layer + (size[2] - 1) / 2, shape[2], sums.dtype)
 
     def at(delta: Array) -> LightDepth:
         return LightDepth(delta, 1 - delta)

@@ -22,7 +22,7 @@ class EdgeWeights(eqx.Module):
     Args:
         weights: (H, W) or (N,), one for each receiver, >= 0.
         normals: (H, W, 2) or (N, 2), perpendicular to the edge beside each on the screen: (right, up) in pixels, of any
-            length (kept as unit vectors); n and -n are one. 0 where the direction is unknown: there all directions are averaged.
+            length (kept as unit vectors); n and -n are one. 0 where the direction is unknown: all are averaged there.
 
     Attributes:
         share: the mean of the weights: the fraction of the screen that edges cover. 0: no edge is known, and receivers

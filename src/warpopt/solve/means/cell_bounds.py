@@ -85,7 +85,7 @@ def _loss(norm: SampleNorm, part: Samples, low: Array, high: Array) -> Array:
     shear = larger(e_p * sigma, e_p_high * sigma_high)
     e_p = larger(e_p, e_p_high)
     tilt = shear / jnp.where(e_p > 0, e_p, 1)
-    # All that follows falls as eta rises. A^P is its tangent and a rest of at most P (P - 1)/2 A^(P - 2) times a square.
+    # All that follows falls as eta rises. A^P is its tangent and a rest of at most P (P - 1)/2 A^(P - 2) (a range)^2.
     blend, deep = part.depth.blend(low), (1 - low) * spread.depth
     first = deep + blend if P >= 2 else smaller(blend, larger(blend - deep, low))
     rest = P * (P - 1) / 8 * power(first / blend, P - 2) * (deep / blend) ** 2 * spread.lateral if P != 1 else 0.0
@@ -123,6 +123,7 @@ def excess_of_cells(
     """
     eta, floor = jnp.exp(u), min_eta.astype(u.dtype)
     most = corner_mean(norm, eta)
+    most = larger(most, norm.touch(eta).value)  # so that the individual receivers' mean is that of the cells within it
     # A width narrower by a factor leaves at least that factor of a size, and within each of the first intervals one
     # loss is enough where the search's bound is high. In the rest, around the optimum, the best case is searched.
     nodes = even_nodes(floor, jnp.ones_like(floor), NODES)
