@@ -170,7 +170,7 @@ MUTATIONS = (
              "edge_weights", "behind"),
     Mutation("render/edge_weights.py", "turn = -turn if rendered", "turn = turn if rendered", "edge_weights",
              "shadows"),
-    Mutation("render/edge_weights.py", "edges_between(faces & (", "edges_between((", "edge_weights", "shadows"),
+    Mutation("render/edge_weights.py", "reached = faces & (", "reached = (", "edge_weights", "shadows"),
     Mutation("render/edge_weights.py", "(depth - bias <= stored)", "(depth <= stored)", "edge_weights", "shadows"),
     Mutation("render/edge_weights.py", "bias = _widest(jnp.where(seen & faces, bias, 0))", "bias = bias",
              "edge_weights", "shadows"),
@@ -178,8 +178,8 @@ MUTATIONS = (
     Mutation("render/edge_weights.py", "_UNKNOWN = 0.02", "_UNKNOWN = 0.0", "edge_weights", "without_a_neighbour"),
     Mutation("render/edge_weights.py", "(before, smooth_before) = towards(1), towards(-1)",
              "(before, smooth_before) = towards(1), towards(1)", "edge_weights", "shadows"),
-    Mutation("render/edge_weights.py", "row = jnp.floor((top - at[..., 1] / z)",
-             "row = jnp.floor((at[..., 1] / z - bottom)", "edge_weights", "carried"),
+    Mutation("render/edge_weights.py", "row = (top - at[..., 1] / z)",
+             "row = (at[..., 1] / z - bottom)", "edge_weights", "carried"),
 )  # fmt: skip
 
 EQUIVALENT = {

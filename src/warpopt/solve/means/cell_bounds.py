@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from ..._numerics import larger, power, smaller
 from ...receivers.samples import Corners, Samples
 from ...theory.light_space import LightDepth
-from ...theory.texel import KERNELS, lean, offset_across
+from ...theory.texel import KERNELS, offset_across
 from .sample_norm import SampleNorm
 from .weak_convexity import NODES, TOLERANCE, Minimum, even_nodes, least
 
@@ -29,36 +29,24 @@ def corner_mean(norm: SampleNorm, eta: Float[Array, ""]) -> Float[Array, ""]:
     It is convex in x at a given delta and in delta at a given x, but where a texel leans beyond its edge: there its
     second derivative in A is at least -2 |d kappa/dA|.
     """
-    return sum((_corner_mean(norm, part, eta) for part in _parts(norm)), start=jnp.zeros_like(eta))
-
-
-def _parts(norm: SampleNorm) -> list[Samples]:
-    directed = norm.footprint.directed if norm.kernel == "band" else None
-    return [norm.samples] if directed is None else [norm.samples, directed]
+    return sum((_corner_mean(norm, part, eta) for part in norm.parts), start=jnp.zeros_like(eta))
 
 
 def _corner_mean(norm: SampleNorm, part: Samples, eta: Array) -> Array:
     corners, width = part.corners, norm.width(eta)
     if corners is None:
         errors = norm.errors(part.depth, part.lateral, eta, width)
-        return (part.weight * power(_size(norm, errors, part.normal), norm.order)).sum()
+        return (part.weight * power(norm.size(errors, part.normal), norm.order)).sum()
     u, v, uv = corners.u, corners.v, corners.uv
     depth = LightDepth(*(jnp.stack(ends)[:, None] for ends in zip(corners.near, corners.far, strict=True)))
     lateral = jnp.stack([corners.inner, corners.outer])
     share = jnp.stack([jnp.stack([1 - u - v + uv, v - uv]), jnp.stack([u - uv, uv])])
-    size = _size(norm, norm.errors(depth, lateral, eta, width), corners.normal)
+    size = norm.size(norm.errors(depth, lateral, eta, width), corners.normal)
     if corners.normal is not None:
         deep = (1 - eta) * (corners.far.delta - corners.near.delta)
         sagging = norm.along / eta * corners.normal[0] * deep * deep * (_STEEPEST / 4)
         size = size + jnp.where(_leans(norm, corners, eta), sagging, 0)
     return (corners.weight * jnp.where(share > 0, share, 0) * power(size, norm.order)).sum()
-
-
-def _size(norm: SampleNorm, errors: tuple[Array, Array, Array], normal: tuple[Array, Array] | None) -> Array:
-    e_p, sigma, e_q = errors
-    if normal is None:
-        return KERNELS[norm.kernel](e_p, sigma, e_q)
-    return offset_across(lean(e_p, sigma, normal), e_q * normal[1])
 
 
 def _leans(norm: SampleNorm, corners: Corners, eta: Array) -> Array:
@@ -69,7 +57,7 @@ def _leans(norm: SampleNorm, corners: Corners, eta: Array) -> Array:
 
 def covariance_loss(norm: SampleNorm, low: Float[Array, ""], high: Float[Array, ""]) -> Float[Array, ""]:
     """How far J of the individual receivers may lie below the centroids' for any eta in [low, high]."""
-    losses = [_loss(norm, part, low, high) for part in _parts(norm) if part.spread is not None and norm.kernel != "max"]
+    losses = [_loss(norm, part, low, high) for part in norm.parts if part.spread is not None and norm.kernel != "max"]
     return sum(losses, start=jnp.zeros_like(low))
 
 

@@ -2,13 +2,15 @@
 
     J(eta) = sum of w_i k(E_p, sigma E_p, E_q)^P,    k convex and rising in all three (`theory.texel`)
 
-E_p and sigma E_p are convex in eta. E_q = a(eta) w(eta), a linear and rising, the map's width w convex and falling; so
+E_p and sigma E_p are convex in eta. E_q = a w, with a rising line a and the map's width w, which is at least what the
+two receivers span that span it at m. With f one of them, its share of a receiver's E_q is A/A_f up to a constant: convex
+in eta where delta >= delta_f, and else
 
-    E_q(eta) >= E_q(m) + E_q'(m) (eta - m) - a' |w'(m)| (eta - m)^2,
+    A/A_f (eta) >= tangent at m - (1 - delta/delta_f) (1 - delta_f)/A_f(m)^2 (eta - m)^2.
 
-and by the gradients of k at m, which are not negative, J lies above a parabola that touches it at m:
+By the gradients of k at m, which are not negative, J lies above a parabola that touches it at m:
 
-    J(eta) >= J(m) + J'(m) (eta - m) - C(m) (eta - m)^2,    C(m) = |w'(m)| sum of w_i a_i' dk^P/dE_q.
+    J(eta) >= J(m) + J'(m) (eta - m) - C(m) (eta - m)^2.
 
 Beside an edge of known normal (c, s), k is that of E_p (c + sigma s) and E_q s. In eta the former is linear but for a
 term g/eta, which is convex or concave by the sign of g and of k's derivative; where it is concave,
@@ -30,7 +32,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._numerics import power
 from ...receivers.footprint import Footprint
-from ...receivers.samples import Samples
+from ...receivers.samples import Normal, Samples
 from ...theory.light_space import LightDepth
 from ...theory.texel import KERNELS, lean, offset_across
 
@@ -113,36 +115,43 @@ class SampleNorm(eqx.Module):
 
     def touch(self, eta: Float[Array, ""]) -> Touch:
         """The curve that touches J at eta."""
-        width, widening = self._widening(eta)
-        directed = self.footprint.directed if self.kernel == "band" else None
-        zero = jnp.zeros_like(eta)
-
+        sides = [self._active(side, eta) for side in (self.footprint.sides.right, self.footprint.sides.left)]
+        width, widening = (sum((side[k] for side in sides), start=jnp.zeros_like(eta)) for k in (0, 1))
+        parts = self.parts
+        nothing = [jnp.zeros_like(part.weight) for part in parts]
         # One pass backwards for all: compiling takes most of a first call.
-        leaning = zero if directed is None else jnp.zeros_like(directed.weight)
-        value, slopes = jax.value_and_grad(self._sum, (0, 1, 2, 3))(eta, width, zero, leaning)
-        by_eta, by_width, rise, by_lean = slopes
-        pole = zero
-        if directed is not None and directed.normal is not None:
-            c, s = directed.normal
-            delta = directed.depth.delta
-            over_eta = self.along * delta * (c * delta + s * directed.lateral * self.pixel_ratio)
-            concave = -by_lean * over_eta
-            pole = jnp.where(concave > 0, concave, 0).sum() / (eta * eta)
-        return Touch(value, by_eta + by_width * widening, self.across * jnp.abs(widening) * rise, pole)
+        value, slopes = jax.value_and_grad(self._sum, (0, 1, 2, 3))(eta, width, nothing, nothing)
+        by_eta, by_width, by_row, by_lean = slopes
+        bend = pole = jnp.zeros_like(eta)
+        for part, rise, lean_rise in zip(parts, by_row, by_lean, strict=True):
+            delta = part.depth.delta
+            for _, steepness, first in sides:
+                before = jnp.where(delta < first, 1 - delta / jnp.where(first > 0, first, 1), 0)
+                bend = bend - self.across * steepness * (rise * before).sum()
+            if part.normal is not None:
+                c, s = part.normal
+                over_eta = self.along * delta * (c * delta + s * part.lateral * self.pixel_ratio)
+                concave = -lean_rise * over_eta
+                pole = pole + jnp.where(concave > 0, concave, 0).sum() / (eta * eta)
+        return Touch(value, by_eta + by_width * widening, bend, pole)
 
-    def _widening(self, eta: Array) -> tuple[Array, Array]:
-        """(the width, its slope), without an argmax, which takes longer than all the rest."""
-        sides = self.footprint.sides
-        depth = LightDepth(*(_in_lanes(part) for part in sides.depth))
+    @property
+    def parts(self) -> list[Samples]:
+        """The samples without and, for a kernel that depends on them, with a known direction."""
+        directed = self.footprint.directed if self.kernel == "band" else None
+        return [self.samples] if directed is None else [self.samples, directed]
+
+    def _active(self, side: Array, eta: Array) -> tuple[Array, Array, Array]:
+        """(what a side spans, its slope, the delta of a receiver that spans it), without an argmax, which takes longer
+        than all the rest."""
+        depth = LightDepth(*(_in_lanes(part) for part in self.footprint.sides.depth))
         blend = jnp.where(depth.delta + depth.one_minus_delta > 0, depth.blend(eta), 1)
-        nearly = 1 - 8 * jnp.finfo(eta.dtype).eps
-        width = widening = jnp.zeros_like(eta)
-        for side in (sides.right, sides.left):
-            spans = _in_lanes(side) / blend
-            widest = spans.max(0).max()
-            steepness = jnp.where(spans >= nearly * widest, spans * depth.one_minus_delta / blend, 0).max(0).max()
-            width, widening = width + widest, widening - steepness
-        return width, widening
+        spans = _in_lanes(side) / blend
+        widest = spans.max(0).max()
+        # Of those that tie the first, which is the steepest.
+        tied = spans >= (1 - 8 * jnp.finfo(eta.dtype).eps) * widest
+        steepness = jnp.where(tied, spans * depth.one_minus_delta / blend, 0).max(0).max()
+        return widest, -steepness, jnp.where(tied, depth.delta, jnp.inf).min(0).min()
 
     def _edges(self, eta: Array) -> tuple[Array, Array]:
         sides = self.footprint.sides
@@ -172,24 +181,33 @@ class SampleNorm(eqx.Module):
     def _texels(self, eta: Array, width: Array) -> tuple[Array, Array, Array]:
         return self.errors(self.samples.depth, self.samples.lateral, eta, width)
 
-    def _sum(self, eta: Array, width: Array, more: ArrayLike = 0.0, leaning: ArrayLike = 0.0) -> Array:
-        """J, with `more` (1 - delta) added to E_q and `leaning` to the columns' extents across edges."""
-        samples, directed = self.samples, self.footprint.directed
-        e_p, sigma, e_q = self._texels(eta, width)
-        size = KERNELS[self.kernel](e_p, sigma, e_q + more * samples.depth.one_minus_delta)
-        total = (samples.weight * power(size, self.order)).sum()
-        if directed is None or directed.normal is None or self.kernel != "band":
-            return total
-        e_p, sigma, e_q = self.errors(directed.depth, directed.lateral, eta, width)
-        row = (e_q + more * directed.depth.one_minus_delta) * directed.normal[1]
-        size = offset_across(lean(e_p, sigma, directed.normal) + leaning, row)
-        return total + (directed.weight * power(size, self.order)).sum()
+    def _sum(self, eta: Array, width: Array, rows: list[Array], leaning: list[Array]) -> Array:
+        """J, with something added to each part's E_q, and to its columns' extents across edges."""
+        total = jnp.zeros_like(eta)
+        for part, row, column in zip(self.parts, rows, leaning, strict=True):
+            e_p, sigma, e_q = self.errors(part.depth, part.lateral, eta, width)
+            size = self.size((e_p, sigma, e_q + row), part.normal, column)
+            total = total + (part.weight * power(size, self.order)).sum()
+        return total
+
+    def size(
+        self, errors: tuple[Array, Array, Array], normal: Normal | None, leaning: ArrayLike = 0.0
+    ) -> Float[Array, "..."]:
+        """The size of a texel of these E_p, sigma and E_q, beside an edge of a known normal if one is given.
+
+        `leaning` is added to the column's extent across the edge.
+        """
+        e_p, sigma, e_q = errors
+        if normal is None:
+            return KERNELS[self.kernel](e_p, sigma, e_q)
+        return offset_across(lean(e_p, sigma, normal) + leaning, e_q * normal[1])
 
     def _piece(self, u: Array, active: Selection) -> Array:
         eta = jnp.exp(u)
         width = self._width(eta, active.right, active.left)
         if self.kernel == "band":
-            return self._sum(eta, width)
+            nothing = [jnp.zeros(())] * len(self.parts)
+            return self._sum(eta, width, nothing, nothing)
         e_p, sigma, e_q = self._texels(eta, width)
         column = e_p if self.kernel == "max" else e_p * jnp.sqrt(1 + sigma * sigma)
         return (self.samples.weight * power(jnp.where(active.across, e_q, column), self.order)).sum()
