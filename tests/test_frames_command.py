@@ -105,11 +105,14 @@ def test_a_part_that_is_cut_is_computed_again(monkeypatch):
     assert len(table()) == 2
 
 
-def test_frames_without_an_error_are_counted_and_said():
+def test_frames_without_an_error_are_counted_and_said(capsys):
     """From below and from the side: no shadowed pixel, or none that is judged."""
     text = settings(warps=["none", "p-inf"]).replace(", views = 2 }", " }")
     up = "[camera]\nposition = [0, 2, -20]\nforward = [0, 1, 0.1]\nnear = 0.1\nfar = 200.0\nhalf_fov_deg = 20.0\n"
-    assert invoke(up + text) == 0
+    assert invoke(up + text) == 1
+    told = capsys.readouterr().err
+    assert "warpopt: frames: got 1 without a defined error (" in told
+    assert told.endswith("nothing was measured\n")
     (row, _) = table()
     assert row["excluded"] in ("only background", "no surface faces the light", "no shadow", "no lit pixel")
     assert row["wrong"] == ""
@@ -135,6 +138,8 @@ def test_a_path_is_measured_for_every_method():
 @pytest.mark.parametrize(("text", "words"), [
     (settings(warps=["lispms"]), "frames.warps.0: got 'lispms', expected 'none', 'best', a rule"),
     (settings(warps=["p-0.5"]), "frames.warps.0"),
+    (settings(more="path = { kind = 'walk', methods = ['held-sphere'] }"), "expected 'sphere' or 'sphere-receivers'"),
+    (settings(more="path = { kind = 'walk', methods = ['lispms'] }"), "with or without 'held-' before it"),
     (settings(more="fit = 'camera'"), "frames.fit"),
     (settings(more="path = { kind = 'walk', methods = ['best'] }"), "a warp that does not need the truth"),
     (settings(more="[objective]\nmetrics = ['p']"), "objective: got one, expected objectives by name in frames.warps"),

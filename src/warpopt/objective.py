@@ -164,8 +164,8 @@ class Objective:
 
     @property
     def title(self) -> str:
-        """Text for messages and figures: "E_pxq, norm l2"."""
-        return f"{self.name if self.kernel else 'E_' + self.name}, norm {self.norm}"
+        """Text for messages and figures: "E_pxq, norm l2"; "edge, norm l1" for what is no maximum of products."""
+        return f"{'E_' + self.name if self.terms else self.name}, norm {self.norm}"
 
     @property
     def metric(self) -> Metric:

@@ -3,8 +3,8 @@
     J(eta) = sum of w_i k(E_p, sigma E_p, E_q)^P,    k convex and rising in all three (`theory.texel`)
 
 E_p and sigma E_p are convex in eta. E_q = a w, with a rising line a and the map's width w, which is at least what the
-two receivers span that span it at m. With f one of them, its share of a receiver's E_q is A/A_f up to a constant: convex
-in eta where delta >= delta_f, and else
+two receivers span that span it at m. With f one of them, its share of a receiver's E_q is A/A_f up to a constant:
+convex in eta where delta >= delta_f, and else
 
     A/A_f (eta) >= tangent at m - (1 - delta/delta_f) (1 - delta_f)/A_f(m)^2 (eta - m)^2.
 
