@@ -170,14 +170,18 @@ def test_a_plateau_is_certified(objective):
     """E_q counts alone, of receivers at the depth that spans the map: it is the same for all eta, or almost."""
     random = np.random.default_rng(0)
     across = np.concatenate([[0.0, 0.0, -10, 10], random.uniform(-10, 10, 60)])
-    for jitter in (0.0, 1e-4):
-        z = np.concatenate([[5.0, 50.0], 20 * (1 + jitter * random.random(62))])
-        points = np.stack([across, np.full(64, 2.0), -z], 1)
-        for texels in ((64, 2**16), (4, 2**20)):
-            view = view_of(points, (z > 15) & (z < 45), (0, -1, 0), screen=SCREEN, shadow_map=texels)
-            norm = norm_of(view, objective)
-            found = least(jax.jit(norm.touch), jnp.asarray(1e-4))
-            assert found.value <= found.bounds.min() * (1 + 1e-6)
+    z = np.stack([np.concatenate([[5.0, 50.0], 20 * (1 + jitter * random.random(62))]) for jitter in (0.0, 1e-4)])
+    points = np.stack([np.broadcast_to(across, z.shape), np.full(z.shape, 2.0), -z], -1)
+    counted = (np.arange(64) > 1).astype(float)
+
+    @jax.jit
+    @jax.vmap
+    def searched(points):
+        view = view_of(points, counted, (0, -1, 0), screen=SCREEN, shadow_map=(4, 2**20))
+        return least(norm_of(view, objective).touch, jnp.asarray(1e-4))
+
+    found = searched(points)
+    assert (found.value <= found.bounds.min(1) * (1 + 1e-6)).all()
 
 
 def test_pixels_need_not_be_square():

@@ -27,7 +27,7 @@ EXACT = 4096
 _OFFSET = 1e-4
 _FINE_BITS, _CELL_BITS = 10, 4  # of the mantissa: depths per octave, as powers of 2, for sides and for cells
 _SLOPES = 32
-_FINER = 2  # cells of the upper bound, which is needed at one eta only, to a cell of the samples, on either side
+_FINER = 4  # cells of the upper bound, which is needed at one eta only, to a cell of the samples, on either side
 _DIRECTIONS = 16  # of edges, in the half circle: as many as a mask tells apart
 _LEAST_START = 0.02  # of mu: where slopes are measured from if the receivers begin at the eye's depth or behind it
 
@@ -141,7 +141,7 @@ def _in_cells(
     shapes = jax.eval_shape(receivers_of, jax.tree.map(lambda v: v[0], rows))
     directed, dtype = shapes[-1] is not None, shapes[0].dtype
     layers, finer = (_DIRECTIONS + 1, 1) if directed else (1, _FINER)
-    depths, slopes, coarser = _DEPTHS * finer, _SLOPES * finer, _COARSER - (finer // 2)
+    depths, slopes, coarser = _DEPTHS * finer, _SLOPES * finer, _COARSER - finer.bit_length() + 1
     scale, start, axis = _scale(footprint), footprint.start, footprint.axis
     offset = jax.lax.stop_gradient(jnp.where(start * scale > _LEAST_START, start * scale, _LEAST_START))
     old = footprint.sides
@@ -175,16 +175,13 @@ def _in_cells(
     )  # fmt: skip
     (sums, widths, mass), _ = jax.lax.scan(add, nothing, rows)
     sums = (sums / _positive(mass.sum())).reshape(depths, slopes, layers, 4)
-    ends = functools.partial(_edges, dtype=dtype)
-    grid = _Grid(ends(_FIRST_CELL * finer, depths, _FINE_BITS - coarser), offset, widest)
+    grid = _Grid(_edges(_FIRST_CELL * finer, depths, _FINE_BITS - coarser, dtype), offset, widest)
     sides = _finer(old, *widths.T)
     if directed:
-        without = _occupied(sums[:, :, _DIRECTIONS:], (2, 1, 1), grid)
-        return without, _occupied(sums[:, :, :_DIRECTIONS], (2, 2, 2), grid), sides
-    every = jnp.unravel_index(jnp.arange(depths * slopes), (depths, slopes, 1))
-    corners = _of_cells(sums.reshape(-1, 4), every, (depths, slopes, 1), grid).corners
-    wider = grid._replace(edges=ends(_FIRST_CELL, _DEPTHS, _CELL_BITS))
-    samples = _occupied(sums.reshape(_DEPTHS, finer, _SLOPES, finer, 1, 4).sum((1, 3)), (2, 1, 1), wider)
+        without = _occupied(sums[:, :, _DIRECTIONS:], ((1, 1, 1), (2, 1, 1)), grid)
+        return without, _occupied(sums[:, :, :_DIRECTIONS], ((1, 1, 1), (2, 2, 2)), grid), sides
+    samples = _occupied(sums, ((1, 1, 1), (2, 2, 1), (4, 4, 1), (8, 4, 1)), grid)
+    corners = _occupied(sums, ((1, 1, 1), (2, 2, 1)), grid).corners
     return eqx.tree_at(lambda s: s.corners, samples, corners), None, sides
 
 
@@ -196,26 +193,37 @@ class _Grid(NamedTuple):
     widest: Array
 
 
-def _occupied(sums: Float[Array, "D C L 4"], merge: tuple[int, int, int], grid: _Grid) -> Samples:
-    """The occupied cells; where they are more than there would be of cells larger by these factors, those."""
+def _occupied(sums: Float[Array, "D C L 4"], sizes: tuple[tuple[int, int, int], ...], grid: _Grid) -> Samples:
+    """The occupied cells of the first of these sizes of which there are no more than of the last in all.
+
+    Args:
+        sums: of the grid's cells.
+        sizes: numbers of depths, slopes and layers that a cell joins.
+    """
     shape = sums.shape[:3]
-    D, C, L = wide = tuple(size // by for size, by in zip(shape, merge, strict=True))
-    there = (sums[..., 0] > 0).ravel()
-    room, count = D * C * L, there.sum()
+    joined = [_joined(sums, size) for size in sizes]
+    room = joined[-1].shape[0] * joined[-1].shape[1] * joined[-1].shape[2]
+    there = [(each[..., 0] > 0).ravel() for each in joined]
+    counts = jnp.stack([each.sum() for each in there])
+    chosen = jnp.argmax(counts <= room)
 
-    def as_they_are() -> tuple[Array, tuple[Array, ...]]:
-        (which,) = jnp.nonzero(there, size=room, fill_value=0)
-        found = jnp.where((jnp.arange(room) < count)[:, None], sums.reshape(-1, 4)[which], 0)
-        return found, jnp.unravel_index(which, shape)
+    def of_size(k: int) -> tuple[Array, tuple[Array, ...]]:
+        if k == len(sizes) - 1:
+            which, found = jnp.arange(room), joined[k].reshape(-1, 4)
+        else:
+            (which,) = jnp.nonzero(there[k], size=room, fill_value=0)
+            found = jnp.where((jnp.arange(room) < counts[k])[:, None], joined[k].reshape(-1, 4)[which], 0)
+        place = jnp.unravel_index(which, joined[k].shape[:3])
+        return found, tuple(i * by for i, by in zip(place, sizes[k], strict=True))
 
-    def merged() -> tuple[Array, tuple[Array, ...]]:
-        larger = sums.reshape(D, merge[0], C, merge[1], L, merge[2], 4).sum((1, 3, 5)).reshape(-1, 4)
-        # The place of the first of those that are merged.
-        return larger, tuple(i * by for i, by in zip(jnp.unravel_index(jnp.arange(room), wide), merge, strict=True))
+    found, place = jax.lax.switch(chosen, [functools.partial(of_size, k) for k in range(len(sizes))])
+    return _of_cells(found, place, shape, grid, tuple(jnp.array(sizes)[chosen]))
 
-    few = count <= room
-    found, place = jax.lax.cond(few, as_they_are, merged)
-    return _of_cells(found, place, shape, grid, tuple(jnp.where(few, 1, by) for by in merge))
+
+def _joined(sums: Float[Array, "D C L 4"], size: tuple[int, int, int]) -> Float[Array, "d c l 4"]:
+    """Sums over neighbouring cells."""
+    D, C, L = (count // by for count, by in zip(sums.shape[:3], size, strict=True))
+    return sums.reshape(D, size[0], C, size[1], L, size[2], 4).sum((1, 3, 5))
 
 
 def _of_cells(
@@ -223,7 +231,7 @@ def _of_cells(
     place: tuple[Int[Array, " N"], ...],
     shape: tuple[int, ...],
     grid: _Grid,
-    size: tuple[ArrayLike, ...] = (1, 1, 1),
+    size: tuple[ArrayLike, ...],
 ) -> Samples:
     """The centroids of some cells of a grid, with their corners; with normals where there are several layers.
 
