@@ -40,7 +40,10 @@ def method_of(name: str, texels: int) -> Method:
     Raises:
         ValueError: an unknown name, or "best", which no engine could search.
     """
-    warp = warp_of_method(name)
+    try:
+        warp = warp_of_method(name)
+    except ValueError as error:
+        raise ValueError(f"method: {error}") from None
     if warp is None:
 
         def sphere(number: int, scene: LitScene, frame: Frame) -> Float[np.ndarray, "4 4"]:
