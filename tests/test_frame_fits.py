@@ -148,6 +148,20 @@ def test_paths_move_as_they_say(kind):
         path("fly", camera, LIGHT, 2, 30.0)  # pyright: ignore[reportArgumentType]
 
 
+def test_paths_keep_a_camera_s_roll_and_handedness():
+    """Turned about the vertical, a mirrored and a rolled camera stay so: the same rotation of all three rows."""
+    camera = camera_at((0, 2, 0), (0, 1.5, -5))
+    mirrored = dataclasses.replace(camera, rotation=camera.rotation * [[-1], [1], [1]])
+    c, s = np.cos(0.4), np.sin(0.4)
+    rolled = dataclasses.replace(camera, rotation=np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ camera.rotation)
+    for each in (camera, mirrored, rolled):
+        last, _ = path("turn", each, LIGHT, 31, 30.0)[-1]
+        assert np.linalg.det(last.rotation) == pytest.approx(np.linalg.det(each.rotation))
+        plain = camera.rotation.T @ path("turn", camera, LIGHT, 31, 30.0)[-1][0].rotation
+        np.testing.assert_allclose(each.rotation.T @ last.rotation, plain, atol=1e-15)
+        np.testing.assert_allclose(last.rotation[:, 1], each.rotation[:, 1])  # against the vertical
+
+
 def moment(scene, camera, matrix=None, texels=48):
     frame = see(scene, camera, 48, 64)
     made = sphere_matrix(scene, camera, 30.0, texels) if matrix is None else matrix
