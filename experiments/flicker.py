@@ -21,7 +21,8 @@ from pixels_page import table, write_between
 
 from warpopt.app.common import figure_style as style
 from warpopt.frames import LitScene, Reading, ShadowMap, judge, see
-from warpopt.frames.methods import HELD, STABLE, method_of, method_title
+from warpopt.frames.methods import HELD, method_of, method_title
+from warpopt.frames.names import STABLE
 from warpopt.frames.paths import MOTIONS, Moment, flips, path
 from warpopt.frames.pictures import enlarged, painted, worst_places, wrong_pixels
 from warpopt.scene_files.made import KINDS, made_scene

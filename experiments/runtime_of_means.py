@@ -31,8 +31,8 @@ def ground_and_walls(height: int, seed: int) -> np.ndarray:
     across = ((np.arange(width) + 0.5) / width * 2 - 1) * np.tan(0.4) * 16 / 9
     depth = np.where(up < -0.005, 2 / np.maximum(-up, 1e-9), np.inf) + np.zeros(width)
     for _ in range(40):
-        z, middle = np.exp(rng.uniform(1, 5)), rng.uniform(-0.7, 0.7)
-        wall = (np.abs(across - middle) < rng.uniform(0.5, 3) / z) & (up < rng.uniform(-1, 6) / z) & (up > -2 / z)
+        z, middle = np.exp(rng.uniform(2, 5)), rng.uniform(-0.7, 0.7)
+        wall = (np.abs(across - middle) < rng.uniform(0.5, 2) / z) & (up < rng.uniform(-1, 6) / z) & (up > -2 / z)
         depth = np.where(wall & (z < depth), z, depth)
     return np.where(depth < 400, depth, 0.0)
 
@@ -42,7 +42,8 @@ def measured(height: int, repetitions: int) -> list[dict[str, float | str]]:
     camera = warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=500.0, half_fov=0.4, aspect=16 / 9)
     light = warpopt.DirectionalLight((0.3, -1, -0.5))
     depth = ground_and_walls(height, 0)
-    edges = warpopt.edge_weights(np.sin(depth) > 0, DepthBuffer(depth), camera)
+    place = depth * (np.arange(depth.shape[1]) + 0.5) / depth.shape[1]
+    edges = warpopt.edge_weights(np.sin(3 * place) + np.cos(depth) > 0, DepthBuffer(depth), camera)
     rows = []
     for name, weights in (("uniform", None), ("edges", edges)):
         buffer = DepthBuffer(depth, weights=weights)

@@ -54,6 +54,7 @@ FILES = {
     "bool.npy": MASK,
     "uint8.npy": MASK * np.uint8(255),
     "ones.npy": MASK * np.uint8(1),
+    "signed.npy": MASK * np.int64(1),
     "uint16.npy": MASK * np.uint16(65535),
     "float.npy": MASK * np.float32(0.75),
     "bit.png": MASK,
@@ -302,6 +303,7 @@ BAD = {
         lambda path: edge_weights(path / "cube.npy"),
         r"got an array of shape \(2, 2, 2\), expected \(height, width\)",
     ),
+    "signed": (lambda path: edge_weights(path / "signed.npy"), r"got integers \(int16\), expected 0 and 1, or 8 or 16"),
     "values": (lambda path: edge_weights(path / "values.npy"), "got 7.0, expected numbers in"),
     "depths": (lambda _: RenderedMap(np.full((4, 4), 2.0), np.eye(4)), r"depth: got 2.0, expected numbers in \[0, 1\]"),
     "row": (lambda _: RenderedMap(np.ones(4), np.eye(4)), r"depth: got shape \(4,\), expected \(rows, columns\)"),
@@ -318,6 +320,7 @@ def test_bad_input_is_refused_in_one_sentence(name, tmp_path):
     (tmp_path / "text.png").write_text("no picture")
     Image.new("RGB", (4, 3)).save(tmp_path / "colours.png")
     np.save(tmp_path / "cube.npy", np.ones((2, 2, 2)))
+    np.save(tmp_path / "signed.npy", np.full((3, 4), 255, np.int16))
     np.save(tmp_path / "values.npy", np.full((3, 4), 7.0))
     make, words = BAD[name]
     with pytest.raises(ValueError, match=words) as caught:

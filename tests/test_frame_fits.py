@@ -9,7 +9,7 @@ from frame_cases import FLOOR, box, camera_at, tables
 import warpopt
 from warpopt import theory
 from warpopt.frames import LitScene, Reading, ShadowMap, judge, measured, see, texel_footprints
-from warpopt.frames.fits import SCAN, Fitting, edge_weights
+from warpopt.frames.fits import SCAN, Fitting, edges_in_map
 from warpopt.frames.methods import HELD, method_of
 from warpopt.frames.names import DEFAULT, objective_of, title_of
 from warpopt.frames.paths import MOTIONS, SPEED, Moment, flips, path, seen_again, sphere_matrix, stepped_far
@@ -42,8 +42,8 @@ def test_each_name_fits_what_the_library_computes(scene, frame):
         float(warpopt.compare_rules(view, "lispsm").eta[0, 0]), rel=1e-9
     )
     unwarped = fitting.fitted("none")
-    weights = edge_weights(scene, frame, unwarped)
-    assert 0 < weights.sum() < weights.size / 2
+    weights = edges_in_map(scene, frame, unwarped)
+    assert 0 < weights.share < 0.5
     weighted = warpopt.SceneView(
         camera, warpopt.DirectionalLight(LIGHT), DepthBuffer(frame.depth, weights=weights), screen=(80, 60),
         shadow_map=(64, 64),
@@ -146,6 +146,20 @@ def test_paths_move_as_they_say(kind):
     assert np.array_equal(sun, late) != (kind == "sun")
     with pytest.raises(ValueError, match="path: got 'fly'"):
         path("fly", camera, LIGHT, 2, 30.0)  # pyright: ignore[reportArgumentType]
+
+
+def test_paths_keep_a_camera_s_roll_and_handedness():
+    """Turned about the vertical, a mirrored and a rolled camera stay so: the same rotation of all three rows."""
+    camera = camera_at((0, 2, 0), (0, 1.5, -5))
+    mirrored = dataclasses.replace(camera, rotation=camera.rotation * [[-1], [1], [1]])
+    c, s = np.cos(0.4), np.sin(0.4)
+    rolled = dataclasses.replace(camera, rotation=np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ camera.rotation)
+    for each in (camera, mirrored, rolled):
+        last, _ = path("turn", each, LIGHT, 31, 30.0)[-1]
+        assert np.linalg.det(last.rotation) == pytest.approx(np.linalg.det(each.rotation))
+        plain = camera.rotation.T @ path("turn", camera, LIGHT, 31, 30.0)[-1][0].rotation
+        np.testing.assert_allclose(each.rotation.T @ last.rotation, plain, atol=1e-15)
+        np.testing.assert_allclose(last.rotation[:, 1], each.rotation[:, 1])  # against the vertical
 
 
 def moment(scene, camera, matrix=None, texels=48):

@@ -1,8 +1,10 @@
 """`warpopt frames` end to end, on two tiny scenes."""
 
 import csv
+import dataclasses
 import importlib
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,10 @@ from scene_cases import toml
 
 from warpopt.app import cli
 from warpopt.app.frames import run as frames_run
+from warpopt.app.frames.parts import Parts
+from warpopt.app.frames.report import _ratios
+from warpopt.app.frames.settings import FramesConfig
+from warpopt.app.inputs.scene_files import read_scene
 from warpopt.frames import LitScene, measured, see
 from warpopt.frames.fits import Fitting
 from warpopt.scene_files.made import made_scene
@@ -91,6 +97,22 @@ def test_a_killed_run_resumes_and_leaves_nothing_half_done(monkeypatch):
     assert not list(Path().glob(".out*"))
 
 
+def test_parts_of_another_light_are_another_run_s():
+    """The sun of a path in time moves with settings that are not the frames': the lights themselves are in the key."""
+    config = FramesConfig.model_validate(tomllib.loads(settings()))
+    scene = read_scene(config, Path(), images=False)
+    other = dataclasses.replace(scene, lights=[(0.5, -0.8, -0.31)])
+    folders = [Parts(config, each).folder for each in (scene, other, dataclasses.replace(scene))]
+    assert folders[0] == folders[2] != folders[1]
+
+
+def test_a_frame_without_a_wrong_pixel_is_not_lost_from_ratios():
+    """It counts as half of the least error; frames without an error do not count."""
+    one, other = np.array([0.0, 0.02, np.nan, 0.04]), np.array([0.01, 0.01, 0.01, 0.0])
+    np.testing.assert_allclose(_ratios(one, other), [0.5, 2, 8])
+    np.testing.assert_allclose(_ratios(np.zeros(2), np.zeros(2)), 1)
+
+
 def refuses(*_):
     raise OSError("disk full")
 
@@ -105,11 +127,14 @@ def test_a_part_that_is_cut_is_computed_again(monkeypatch):
     assert len(table()) == 2
 
 
-def test_frames_without_an_error_are_counted_and_said():
+def test_frames_without_an_error_are_counted_and_said(capsys):
     """From below and from the side: no shadowed pixel, or none that is judged."""
     text = settings(warps=["none", "p-inf"]).replace(", views = 2 }", " }")
     up = "[camera]\nposition = [0, 2, -20]\nforward = [0, 1, 0.1]\nnear = 0.1\nfar = 200.0\nhalf_fov_deg = 20.0\n"
-    assert invoke(up + text) == 0
+    assert invoke(up + text) == 1
+    told = capsys.readouterr().err
+    assert "warpopt: frames: got 1 without a defined error (" in told
+    assert told.endswith("nothing was measured\n")
     (row, _) = table()
     assert row["excluded"] in ("only background", "no surface faces the light", "no shadow", "no lit pixel")
     assert row["wrong"] == ""
@@ -135,6 +160,8 @@ def test_a_path_is_measured_for_every_method():
 @pytest.mark.parametrize(("text", "words"), [
     (settings(warps=["lispms"]), "frames.warps.0: got 'lispms', expected 'none', 'best', a rule"),
     (settings(warps=["p-0.5"]), "frames.warps.0"),
+    (settings(more="path = { kind = 'walk', methods = ['held-sphere'] }"), "expected 'sphere' or 'sphere-receivers'"),
+    (settings(more="path = { kind = 'walk', methods = ['lispms'] }"), "with or without 'held-' before it"),
     (settings(more="fit = 'camera'"), "frames.fit"),
     (settings(more="path = { kind = 'walk', methods = ['best'] }"), "a warp that does not need the truth"),
     (settings(more="[objective]\nmetrics = ['p']"), "objective: got one, expected objectives by name in frames.warps"),

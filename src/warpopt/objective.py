@@ -174,10 +174,10 @@ class Objective:
 
     @property
     def title(self) -> str:
-        """Text for messages and figures: "E_pxq, norm l2"."""
+        """Text for messages and figures: "E_pxq, norm l2"; "edge, norm l1" for what is no maximum of products."""
         if self.storage:
             return "storage"
-        return f"{self.name if self.kernel else 'E_' + self.name}, norm {self.norm}"
+        return f"{'E_' + self.name if self.terms else self.name}, norm {self.norm}"
 
     @property
     def in_any_direction(self) -> bool:

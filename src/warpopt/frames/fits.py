@@ -12,6 +12,8 @@ from ..objective import Objective
 from ..receivers.bodies.convex_body import ConvexBody
 from ..receivers.depth_buffer import DepthBuffer
 from ..receivers.receivers import Receivers
+from ..receivers.weighted.weights import EdgeWeights
+from ..render.edge_weights import edge_weights
 from ..render.shadow_matrix import shadow_matrix
 from ..solve.optimal_warp import optimal_warp
 from ..theory.camera import DirectionalLight, camera_of
@@ -20,7 +22,7 @@ from ..views import SceneView
 from .light_rays import LitScene
 from .measure import measured
 from .names import objective_of, turn_of
-from .seen import Frame, edges_of
+from .seen import Frame
 from .shadow_map import Reading, ShadowMap
 
 Fit = Literal["receivers", "engine"]
@@ -87,7 +89,7 @@ class Fitting:
             if kind == "plain" and self.fit == "engine":
                 receivers: Receivers = ConvexBody.box(*self.scene.corners)
             elif kind == "edge":
-                receivers = DepthBuffer(depth, weights=edge_weights(self.scene, self.frame, self._unwarped()))
+                receivers = DepthBuffer(depth, weights=edges_in_map(self.scene, self.frame, self._unwarped()))
             elif kind == "band":
                 receivers = DepthBuffer(depth, weights="depth", lit=self.frame.judged)
             else:
@@ -181,7 +183,8 @@ class Fitting:
         return measured(self.frame, self.map_of(fitted), reading, _FRESH_SEED)
 
 
-def edge_weights(scene: LitScene, frame: Frame, unwarped: Fitted) -> Float[np.ndarray, "H W"]:
-    """1 on judged pixels beside a shadow's edge in an unwarped map of the same frame, of 512 x 512 texels; else 0."""
+def edges_in_map(scene: LitScene, frame: Frame, unwarped: Fitted) -> EdgeWeights:
+    """Judged pixels beside a shadow's edge in an unwarped map of the same frame, of 512 x 512 texels."""
     shown = ShadowMap(scene, unwarped.matrix, (_MASK, _MASK)).visibility(frame, Reading())
-    return edges_of(frame.judged, frame.image(shown > 0.5, False)).astype(float)
+    judged = DepthBuffer(np.where(frame.judged, frame.depth, np.inf))
+    return edge_weights(frame.image(shown > 0.5, False), judged, camera_of(frame.camera))

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from .fits import Fitting
 from .light_rays import LitScene
-from .names import STABLE, objective_of, title_of
+from .names import title_of, warp_of_method
 from .paths import Method, sphere_matrix, stepped_far, widened
 from .seen import Frame, see
 
@@ -40,17 +40,17 @@ def method_of(name: str, texels: int) -> Method:
     Raises:
         ValueError: an unknown name, or "best", which no engine could search.
     """
-    if name in STABLE:
+    try:
+        warp = warp_of_method(name)
+    except ValueError as error:
+        raise ValueError(f"method: {error}") from None
+    if warp is None:
 
         def sphere(number: int, scene: LitScene, frame: Frame) -> Float[np.ndarray, "4 4"]:
             far = frame.camera.far if name == "sphere" else stepped_far(frame)
             return sphere_matrix(scene, frame.camera, min(far, 2 * scene.size + 1), texels)
 
         return sphere
-    warp = name.removeprefix("held-")
-    objective_of(warp)
-    if warp == "best":
-        raise ValueError("method: got 'best', expected a warp that does not need the truth")
     held: dict[str, Any] = {}
 
     def fitted(number: int, scene: LitScene, frame: Frame) -> Float[np.ndarray, "4 4"]:

@@ -63,6 +63,32 @@ def objective_of(name: str) -> Objective | None:
     )
 
 
+def warp_of_method(name: str) -> str | None:
+    """The warp that a path's method fits: of its name, without "held-"; None for a snapped sphere.
+
+    Raises:
+        ValueError: an unknown name, or "best", which no engine could search.
+
+    Example:
+        >>> warp_of_method("held-p-inf"), warp_of_method("sphere")
+        ('p-inf', None)
+    """
+    if name in STABLE:
+        return None
+    warp = name.removeprefix("held-") if isinstance(name, str) else ""
+    try:
+        objective_of(warp)
+        known = warp != "best"
+    except ValueError:
+        known = False
+    if not known:
+        raise ValueError(
+            f"got {shown(name)}, expected {' or '.join(map(repr, STABLE))}, or a warp that does not need the truth "
+            "('none', a rule, 'edge', 'band' or a metric and a norm such as 'p-inf'), with or without 'held-' before it"
+        )
+    return warp
+
+
 def title_of(name: str) -> str:
     """A warp's name for figures and reports.
 

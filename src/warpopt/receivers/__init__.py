@@ -8,11 +8,13 @@ from .depth_histogram import DepthHistogram
 from .footprint import Footprint
 from .points import PointReceivers
 from .receivers import Receivers
+from .weighted.weights import EdgeWeights
 
 __all__ = [
     "ConvexBody",
     "DepthBuffer",
     "DepthHistogram",
+    "EdgeWeights",
     "Footprint",
     "GroundPlane",
     "PointReceivers",

@@ -192,7 +192,8 @@ def _of_arrays(receivers: Receivers, made: Any, objective: Objective, dtype: Any
     for name, group in (("nearest", made.nearest), ("sides", made.sides), ("samples", made.samples)):
         if group is None:
             continue
-        shapes = {leaf.shape for leaf in jax.tree.leaves(group)}
+        parts = (group.depth, group.lateral, group.weight) if isinstance(group, Samples) else group  # without its cells
+        shapes = {leaf.shape for leaf in jax.tree.leaves(parts)}
         if len(shapes) > 1 or not all(len(shape) == 1 and shape[0] for shape in shapes):
             raise _refused(receivers, "footprint", f"{name} of shapes {sorted(shapes)}", "(N,) for all, N >= 1")
     return made

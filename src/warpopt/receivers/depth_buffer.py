@@ -19,6 +19,7 @@ from .bins import BINS, Groups, bin_of, extent_of, from_groups, with_moments
 from .footprint import Footprint
 from .profiles.binned import BinnedProfile, PointSet
 from .receivers import Receivers
+from .samples import Normal
 from .sketch import sketch_of_pixels
 from .weighted.cells import with_samples
 from .weighted.weights import Weighting, Weights
@@ -158,10 +159,11 @@ class DepthBuffer(Receivers):
         if objective.supremum:
             return footprint
         unit = jnp.where(footprint.empty, 1, near.min())
-        weights = None
+        weights = normals = known = None
         if not self.weights.uniform:
             weights, by_depth = self.weights.of(*self._decoded(self.depth, camera)[::-1])
             footprint = footprint.weighted_by_depth(by_depth)
+            normals, known = self.weights.normals_for(objective.kernel), jnp.where(by_depth, 0, 1)
 
         def weight_of(seen: Array, z: Array, weight: Array | None) -> Array:
             return seen.astype(z.dtype) if weight is None else weight
@@ -169,12 +171,13 @@ class DepthBuffer(Receivers):
         if objective.kernel is not None:
             lean, rise = frame.x_axis[0] * across, frame.x_axis[1] * up + frame.x_axis[2]
 
-            def samples_of(row: tuple[Any, Array | None, Array]) -> tuple[Array, Array, Array, Array, Array]:
-                pixels, weight, rise = row
+            def samples_of(row: Any) -> tuple[Array, Array, Array, Array, Array, Normal | None]:
+                pixels, weight, rise, normal = row
                 seen, z, d = depths(pixels)
-                return d, z * (lean + rise), z, weight_of(seen, z, weight), seen
+                normal = None if normal is None else frame.across_edges(*(n * known for n in normal))
+                return d, z * (lean + rise), z, weight_of(seen, z, weight), seen, normal
 
-            return with_samples(footprint, (rows, weights, rise), samples_of, unit, objective)
+            return with_samples(footprint, (rows, weights, rise, normals), samples_of, unit, objective)
 
         def receivers_of(row: tuple[Any, Array | None]) -> tuple[Array, Array, Array]:
             pixels, weight = row

@@ -16,7 +16,7 @@ from .profiles.hulls import BodyProfile, slab
 from .profiles.slices import Solid
 from .receivers import Receivers
 from .weighted.cells import with_samples
-from .weighted.weights import Weighting, Weights
+from .weighted.weights import EdgeWeights, Weighting, Weights
 
 _DEGREE_WITH_KINKS = 22  # 12 by 12 nodes on the screen, 19 in each bin
 
@@ -61,6 +61,8 @@ class DepthHistogram(Receivers):
             "edges", edges, lambda e: jnp.concatenate([jnp.diff(e) > 0, jnp.ones(1, bool)]), "increasing depths"
         )
         self.counts = checked("counts", counts, lambda c: (c >= 0) & (c < np.inf), "finite numbers >= 0")
+        if isinstance(weights, EdgeWeights):
+            raise ValueError("weights: got EdgeWeights with a DepthHistogram, expected one number for each bin")
         self.weights = Weights(weights, None, counts.shape)
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
@@ -94,7 +96,7 @@ class DepthHistogram(Receivers):
         if objective.kernel is not None:
             x = (points @ frame.x_axis)[:, None, None] * inner
             seen = jnp.broadcast_to(there[:, None], d.shape)
-            rows = jnp.where(seen, d, footprint.start), x, *rows[1:], seen
+            rows = jnp.where(seen, d, footprint.start), x, *rows[1:], seen, None
             return with_samples(footprint, rows, lambda row: row, unit, objective, own_sides=True)
         return with_moments(footprint, rows, lambda row: (row[0], unit / row[1], row[2]), unit, objective)
 

@@ -114,6 +114,7 @@ class Footprint(eqx.Module):
         flat: all receivers at one depth along Z_w, up to rounding: nothing to warp.
         grouped: whether some group has more than one receiver.
         samples: for means over weighted receivers that have no moments.
+        directed: those of `samples` beside an edge of a known direction, apart; None if no direction is known.
         depth_weighted: whether all weights were 0, so that receivers are weighted by z; None if there are no weights.
         free: the hull of the receivers, if the map's axis need not pass through the eye.
 
@@ -136,6 +137,7 @@ class Footprint(eqx.Module):
     flat: Bool[Array, ""]
     grouped: bool = eqx.field(static=True, default=False)
     samples: Samples | None = None
+    directed: Samples | None = None
     depth_weighted: Bool[Array, ""] | None = None
     free: FreeFit | None = None
 

@@ -28,8 +28,9 @@ class PointReceivers(Receivers):
 
     Args:
         points: (N, 3) in world space.
-        weights: (N,), >= 0, or "uniform" (the default) or "depth": what each point counts for in an L_P norm. Norms inf
-            are over all points, and the map holds all, whatever their weight. If all are 0, weights are eye depths.
+        weights: (N,), >= 0, or `EdgeWeights`, or "uniform" (the default) or "depth": what each point counts for in an
+            L_P norm. Norms inf are over all points, and the map holds all, whatever their weight. If all are 0, weights
+            are eye depths.
         lit: (N,), which points the light reaches; others have the weight 0.
 
     Raises:
@@ -76,8 +77,11 @@ class PointReceivers(Receivers):
         weights, by_depth = self._weights(z, seen)
         footprint = footprint.weighted_by_depth(by_depth)
         if objective.kernel is not None:
+            normals = self.weights.normals_for(objective.kernel)
+            if normals is not None:
+                normals = frame.across_edges(*(jnp.where(by_depth, 0, n) for n in normals))
             fills = (d, footprint.start), (x, footprint.axis), (z, unit), (weights, 0), (seen, False)
-            rows = tuple(_in_rows(v, fill) for v, fill in fills)
+            rows = *(_in_rows(v, fill) for v, fill in fills), jax.tree.map(lambda n: _in_rows(n, 0), normals)
             return with_samples(footprint, rows, lambda row: row, unit, objective)
         rows = tuple(_in_rows(v, fill) for v, fill in ((d, footprint.start), (z, unit), (weights, 0)))
         return with_moments(footprint, rows, lambda row: (row[0], unit / row[1], row[2]), unit, objective)

@@ -9,20 +9,36 @@ from jaxtyping import Array, Float
 
 from ..theory.light_space import LightDepth
 
+Normal = tuple[Array, Array]
+"""Components of an edge's unit normal along the screen images of Z_w and X_w."""
+
 
 class Corners(eqx.Module):
-    """The cells that the samples stand for, as rectangles, and the means over a cell's receivers of their place in it.
+    """Cells as rectangles, and the means over a cell's receivers of their place in it.
 
-    The place is (u, v), each from 0 at the near or inner end to 1 at the other.
+    The place is (u, v), each from 0 at the near or inner end to 1 at the other. `weight` and `normal` are as in
+    `Samples`; cells may be smaller than those of the samples.
     """
 
     near: LightDepth
     far: LightDepth
-    inner: Float[Array, " S"]
-    outer: Float[Array, " S"]
-    u: Float[Array, " S"]
-    v: Float[Array, " S"]
-    uv: Float[Array, " S"]
+    inner: Float[Array, " C"]
+    outer: Float[Array, " C"]
+    u: Float[Array, " C"]
+    v: Float[Array, " C"]
+    uv: Float[Array, " C"]
+    weight: Float[Array, " C"]
+    normal: Normal | None
+
+
+class Spread(eqx.Module):
+    """How a sample's receivers lie about their centroid: the covariance of delta and |x| / mu, a bound of delta's
+    variance, and the ranges of both."""
+
+    covariance: Float[Array, " S"]
+    variance: Float[Array, " S"]
+    depth: Float[Array, " S"]
+    lateral: Float[Array, " S"]
 
 
 class Samples(eqx.Module):
@@ -32,10 +48,14 @@ class Samples(eqx.Module):
         depth: along Z_w.
         lateral: |x - axis| / mu.
         weight: w (unit / z)^P / (sum of all w).
-        corners: for cells.
+        normal: of the edge beside each, with the sign of the first component >= 0 and the second as seen where x is
+            positive; None where edges' directions are unknown.
+        spread, corners: for cells.
     """
 
     depth: LightDepth
     lateral: Float[Array, " S"]
     weight: Float[Array, " S"]
-    corners: Corners | None
+    normal: Normal | None = None
+    spread: Spread | None = None
+    corners: Corners | None = None

@@ -15,8 +15,9 @@ from ..theory.warp import Warp
 from ..views import SceneView, one_light, settled
 from .directions import best_aspect, best_turn
 from .footprint_optimum import LogNorm, minimise
+from .means.cell_bounds import excess_of_cells
 from .means.sample_norm import SampleNorm
-from .means.sample_optimum import excess_of_cells, minimise_mean
+from .means.sample_optimum import minimise_mean
 from .outcome import Outcome, failed
 from .pieces import Optimum, value_at
 from .scene_norm import log_norm_of

@@ -13,7 +13,7 @@ from .aliasing import (
 from .camera import Camera, DirectionalLight
 from .light_frame import LightFrame
 from .light_space import LightDepth, LightSpace
-from .texel import KERNELS, edge_offset, larger_error, longest_edge
+from .texel import KERNELS, edge_offset, larger_error, lean, longest_edge, offset_across
 from .view_frustum import ViewFrustum
 from .warp import Extent, Warp
 
@@ -33,8 +33,10 @@ __all__ = [
     "edge_offset",
     "errors",
     "larger_error",
+    "lean",
     "local_aliasing_error",
     "longest_edge",
+    "offset_across",
     "projection_factors",
     "screen_coordinates",
     "texture_coordinates",

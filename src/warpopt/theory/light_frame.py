@@ -132,9 +132,25 @@ class LightFrame(eqx.Module):
             lambda f: (f.density_p, f.density_q, f.pixel_ratio, f.texels), self, (p, q, ratio, self.texels * shares)
         )
 
+    @property
+    def screen_axes(self) -> Float[Array, "2 2"]:
+        """Vectors (right, up) in pixels: the screen image of Z_w, on lit surfaces, over its part across X_w's, and the unit
+        vector along X_w's."""
+        across, along = self.pixels.T
+        length = jnp.sqrt((across * across).sum())
+        height = (across[1] * along[0] - across[0] * along[1]) / length
+        return jnp.stack([along / height, across / length])
+
     def depth(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
         """Z_w . c for points in eye coordinates."""
         return jnp.asarray(points) @ self.z_axis
+
+    def across_edges(
+        self, right: Float[Array, "..."], up: Float[Array, "..."]
+    ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+        """Components of edges' unit normals (right, up) in pixels along `screen_axes`: of Z_w's image and of X_w's."""
+        along, across = (right * axis[0] + up * axis[1] for axis in self.screen_axes)
+        return along, across
 
     def lateral(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
         """X_w . c."""

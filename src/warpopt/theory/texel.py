@@ -63,6 +63,32 @@ def edge_offset(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float
     return jnp.where(scale > 0, scale * (2 / (3 * jnp.pi)) * (rows + columns), 0)
 
 
+def lean(
+    e_p: Float[Array, "..."], sigma: Float[Array, "..."], normal: tuple[Float[Array, "..."], Float[Array, "..."]]
+) -> Float[Array, "..."]:
+    """The signed extent across an edge of a texel's column edge: E_p (c + sigma s), for the edge's unit normal (c, s).
+
+    Example:
+        >>> float(lean(*map(jnp.asarray, (2.0, 0.5)), (jnp.asarray(0.6), jnp.asarray(-0.8))))
+        0.4
+    """
+    return e_p * (normal[0] + sigma * normal[1])
+
+
+def offset_across(column: Float[Array, "..."], row: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The expected offset of an edge across which a texel's two edges extend by these lengths.
+
+    The mean of |u a + v b| with u and v uniform in [-1/2, 1/2]: max/4 + min^2/(12 max) of |a| and |b|.
+
+    Example:
+        >>> [float(offset_across(*map(jnp.asarray, extents))) for extents in ((-4.0, 0.0), (3.0, 3.0))]
+        [1.0, 1.0]
+    """
+    a, b = jnp.abs(column), jnp.abs(row)
+    most, least = larger(a, b), jnp.where(a > b, b, a)  # where they tie, one of each: the derivative is both's
+    return most / 4 + least * least / (12 * jnp.where(most > 0, most, 1))
+
+
 def _side(length: Array, ends: Array, middle: Array, height: Array) -> Array:
     """The mean distance from the centre to a side."""
     safe = jnp.where(ends > 0, ends, 1)

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import io
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,9 @@ class Place:
 
 
 def run_frames(config: FramesConfig, scene: SceneInput, console: Console | None = None) -> int:
-    """Render, measure, write, summarise; returns 0. Finished frames of a killed run of the same problem are reused.
+    """Render, measure, write, summarise; returns 0, or 1 if the error of every frame is undefined.
+
+    Finished frames of a killed run of the same problem are reused.
 
     Raises:
         ConfigError: the output folder cannot be written, or is not an existing result.
@@ -70,7 +73,15 @@ def run_frames(config: FramesConfig, scene: SceneInput, console: Console | None 
         write_mark(folder, environment(config, jax.numpy.zeros(0).dtype, timings, ("embreex",)))
     parts.delete()
     _summarise(console, config, scene, records)
-    return 0
+    if any(row.get("wrong") is not None for row in rows):
+        return 0
+    why = ", ".join(sorted({row["excluded"] for row in rows}))
+    print(
+        f"warpopt: frames: got {len(records)} without a defined error ({why}), expected one with a lit and a shadowed "
+        "pixel: nothing was measured",
+        file=sys.stderr,
+    )
+    return 1
 
 
 def _records(

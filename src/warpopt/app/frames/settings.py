@@ -1,12 +1,13 @@
 """The configuration of `warpopt frames`. Does not import JAX."""
 
+from collections.abc import Callable
 from typing import Annotated, Literal
 
 import pydantic
 from pydantic import Field
 
 from warpopt.frames import NoRayCaster, Reading, ray_caster
-from warpopt.frames.names import DEFAULT, STABLE, objective_of
+from warpopt.frames.names import DEFAULT, objective_of, warp_of_method
 
 from ..common.settings import ConfigError, Distinct, FileName, Positive, Section, listed
 from ..inputs.camera_settings import Resolution
@@ -15,18 +16,19 @@ from ..inputs.scene_settings import SceneSettings
 
 
 def _known(name: str) -> str:
-    try:
-        objective_of(name)
-    except ValueError as error:
-        raise ValueError(str(error).partition(", ")[2]) from None
-    return name
+    return _checked_by(objective_of, name)
 
 
 def _known_method(name: str) -> str:
-    warp = name.removeprefix("held-")
-    if warp == "best":
-        raise ValueError("expected a warp that does not need the truth")
-    return name if name in STABLE else ("held-" if warp != name else "") + _known(warp)
+    return _checked_by(warp_of_method, name)
+
+
+def _checked_by(check: Callable[[str], object], name: str) -> str:
+    try:
+        check(name)
+    except ValueError as error:
+        raise ValueError(str(error).partition(", ")[2]) from None
+    return name
 
 
 class PathSection(Section):

@@ -5,25 +5,30 @@ factor of 2 and costs a shift where a logarithm would take longer than all the r
 in the slope at which the eye sees them, x over the distance from the eye.
 """
 
+import functools
 from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int, PyTree
 
 from ..._numerics import power, staged
 from ...objective import Objective
 from ...theory.light_space import LightDepth
 from ..footprint import Footprint, Sides
-from ..samples import Corners, Samples
+from ..samples import Corners, Normal, Samples, Spread
 
 EXACT = 4096
 """At most this many points are taken one by one."""
 _OFFSET = 1e-4
 _FINE_BITS, _CELL_BITS = 10, 4  # of the mantissa: depths per octave, as powers of 2, for sides and for cells
 _SLOPES = 32
+_FINER = 4  # cells of the upper bound, which is needed at one eta only, to a cell of the samples, on either side
+_DIRECTIONS = 16  # of edges, in the half circle: as many as a mask tells apart
 _LEAST_START = 0.02  # of mu: where slopes are measured from if the receivers begin at the eye's depth or behind it
 
 
@@ -52,7 +57,7 @@ def _edges(first: int, count: int, bits: int, dtype) -> np.ndarray:
 def with_samples(
     footprint: Footprint,
     rows: PyTree,
-    receivers_of: Callable[[PyTree], tuple[Array, Array, Array, Array, Array]],
+    receivers_of: Callable[[PyTree], tuple[Array, Array, Array, Array, Array, Normal | None]],
     unit: Float[Array, ""],
     objective: Objective,
     own_sides: bool = False,
@@ -62,56 +67,101 @@ def with_samples(
     Args:
         footprint: of all receivers that must fit into the map.
         rows: arrays whose leading axis is the row.
-        receivers_of: gives (Z_w . c, X_w . c, z, weight, whether it must fit into the map) of one row's receivers; for
-            those that need not, anything finite with z > 0 and weight 0.
+        receivers_of: gives (Z_w . c, X_w . c, z, weight, whether it must fit into the map, the normal of the edge
+            beside it) of one row's receivers; for those that need not fit, anything finite with z > 0 and weight 0. The
+            normal is 0 where it is unknown, and None if it is for all.
         unit: the least eye depth of all.
         objective: gives the order P of the mean.
         own_sides: whether the footprint's sides bound more than these receivers, and are kept.
     """
     shape = jax.eval_shape(jax.vmap(receivers_of), rows)[0]
     if shape.size <= EXACT:
-        samples = _one_by_one(footprint, jax.vmap(receivers_of)(rows), unit, objective)
+        samples, directed = _one_by_one(footprint, jax.vmap(receivers_of)(rows), unit, objective)
     else:
-        samples, sides = _in_cells(footprint, rows, receivers_of, unit, objective)
+        samples, directed, sides = _in_cells(footprint, rows, receivers_of, unit, objective)
         if not own_sides:
             footprint = eqx.tree_at(lambda f: f.sides, footprint, sides)
-    return eqx.tree_at(lambda f: (f.samples, f.unit), footprint, (samples, unit), is_leaf=lambda leaf: leaf is None)
+    parts = samples, directed, unit
+    return eqx.tree_at(lambda f: (f.samples, f.directed, f.unit), footprint, parts, is_leaf=lambda leaf: leaf is None)
 
 
-def _one_by_one(footprint: Footprint, receivers: tuple[Array, ...], unit: Array, objective: Objective) -> Samples:
-    d, x, z, weight, seen = (value.ravel() for value in receivers)
+def _one_by_one(
+    footprint: Footprint, receivers: tuple, unit: Array, objective: Objective
+) -> tuple[Samples, Samples | None]:
+    d, x, z, weight, seen, normal = jax.tree.map(jnp.ravel, receivers)
     scale = _scale(footprint)
     before, beyond = (d - footprint.start) * scale, (footprint.start + footprint.mu - d) * scale
     beyond = jnp.where(footprint.flat, 1, beyond)
     # Rounding may put the first or the last receiver outside of [0, 1] by eps.
     delta = jnp.where(seen & (before > 0), before, 0)
     rest = jnp.where(seen, jnp.where(beyond > 0, beyond, 0), 1)
-    lateral = jnp.where(seen, jnp.abs(x - footprint.axis) * scale, 0)
+    across = x - footprint.axis
+    lateral = jnp.where(seen, jnp.abs(across) * scale, 0)
     share = weight * power(unit / z, objective.order) / _positive(weight.sum())
-    return Samples(LightDepth(delta, rest), lateral, share, None)
+    depth = LightDepth(delta, rest)
+    if normal is None:
+        return Samples(depth, lateral, share), None
+    known = (normal[0] != 0) | (normal[1] != 0)
+    directed = Samples(depth, lateral, jnp.where(known, share, 0), _folded(normal, across))
+    return Samples(depth, lateral, jnp.where(known, 0, share)), directed
+
+
+def _folded(normal: Normal, across: Array) -> Normal:
+    """A normal as seen where x is positive: a texel and its mirror image are equal, and so are n and -n."""
+    along, beside = normal
+    return jnp.abs(along), jnp.where((along < 0) ^ (across < 0), -beside, beside)
+
+
+def _direction(normal: Normal) -> tuple[Int[Array, "..."], Float[Array, "..."]]:
+    """(the layer of a folded normal, `_DIRECTIONS` for none; its length), without a trigonometric function.
+
+    The screen images of Z_w and X_w are not perpendicular where pixels are not square: there its length is not 1.
+    """
+    along, beside = normal
+    size = along + jnp.abs(beside)
+    place = (beside / _positive(size) + 1) * (_DIRECTIONS / 2)
+    layer = jnp.where(size > 0, jnp.minimum(place.astype(jnp.int32), _DIRECTIONS - 1), _DIRECTIONS)
+    square = along * along + beside * beside
+    return layer, jnp.where(size > 0, jnp.sqrt(_positive(square)), 1)
+
+
+def _normals(layer: Float[Array, " N"], count: int, dtype) -> Normal:
+    """The normals that layers stand for, of `count` in all; those between two for two together."""
+    beside = ((layer + 0.5) / (count / 2) - 1).astype(dtype)
+    along = 1 - jnp.abs(beside)
+    length = jnp.sqrt(along * along + beside * beside)
+    return along / length, beside / length
 
 
 def _in_cells(
     footprint: Footprint, rows: PyTree, receivers_of: Callable, unit: Array, objective: Objective
-) -> tuple[Samples, Sides]:
-    """(the cells' centroids, the sides by narrow ranges of depth), in one sweep that stores nothing but sums."""
+) -> tuple[Samples, Samples | None, Sides]:
+    """(the cells' centroids, those with a direction, the sides by narrow ranges of depth), in one sweep that stores
+    nothing but sums."""
+    shapes = jax.eval_shape(receivers_of, jax.tree.map(lambda v: v[0], rows))
+    directed, dtype = shapes[-1] is not None, shapes[0].dtype
+    layers, finer = (_DIRECTIONS + 1, 1) if directed else (1, _FINER)
+    depths, slopes, coarser = _DEPTHS * finer, _SLOPES * finer, _COARSER - finer.bit_length() + 1
     scale, start, axis = _scale(footprint), footprint.start, footprint.axis
     offset = jax.lax.stop_gradient(jnp.where(start * scale > _LEAST_START, start * scale, _LEAST_START))
     old = footprint.sides
     widest = jnp.where(old.right > old.left, old.right, old.left) * scale / (old.depth.delta + offset)
-    pitch = _positive(jax.lax.stop_gradient(widest.max())) / _SLOPES
+    widest = _positive(jax.lax.stop_gradient(widest.max()))
 
     def add(found: tuple[Array, Array, Array], row: PyTree) -> tuple[tuple[Array, Array, Array], None]:
         sums, widths, mass = found
-        d, x, z, weight, seen = receivers_of(row)
+        d, x, z, weight, seen, normal = receivers_of(row)
         # Products with 0 instead of selections, which would double the time of the sweep.
         across = (x - axis) * seen.astype(x.dtype)
         delta = jnp.maximum((d - start) * scale, 0)
         lateral = jnp.abs(across) * scale
         key = jnp.clip(_key(delta), _LEAST_KEY, _LARGEST_KEY)
-        slope = jax.lax.stop_gradient(lateral * (1 / pitch) / (delta + offset)).astype(jnp.int32)
-        cell = ((key >> _COARSER) - _FIRST_CELL) * _SLOPES + jnp.minimum(slope, _SLOPES - 1)
+        slope = jax.lax.stop_gradient(lateral * (slopes / widest) / (delta + offset)).astype(jnp.int32)
+        cell = ((key >> coarser) - _FIRST_CELL * finer) * slopes + jnp.minimum(slope, slopes - 1)
         share = weight * power(unit / z, objective.order)
+        if normal is not None:
+            layer, length = _direction(_folded(normal, across))
+            cell, share = cell * layers + layer, share * power(length, objective.order)
         # Without the stage the compiler repeats all of this for each of the sums, which takes twice as long.
         share, delta, lateral, cell, key, across = staged(lambda *v: v, share, delta, lateral, cell, key, across)
         moments = share, share * delta, share * lateral, share * delta * lateral
@@ -119,51 +169,99 @@ def _in_cells(
         both = jnp.stack([across, -across], -1)
         return (sums, widths.at[key - _LEAST_KEY].max(both, mode="promise_in_bounds"), mass + weight), None
 
-    first = jax.eval_shape(receivers_of, jax.tree.map(lambda v: v[0], rows))[0]
-    dtype = first.dtype
-    nothing = jnp.zeros((_DEPTHS * _SLOPES, 4), dtype), jnp.zeros((_SIDES, 2), dtype), jnp.zeros(first.shape, dtype)
+    nothing = (
+        jnp.zeros((depths * slopes * layers, 4), dtype), jnp.zeros((_SIDES, 2), dtype),
+        jnp.zeros(shapes[0].shape, dtype),
+    )  # fmt: skip
     (sums, widths, mass), _ = jax.lax.scan(add, nothing, rows)
-    sums = (sums / _positive(mass.sum())).reshape(_DEPTHS, _SLOPES, 4)
-    samples = _centroids(sums, offset, pitch)
-    return samples, _finer(old, *widths.T)
+    sums = (sums / _positive(mass.sum())).reshape(depths, slopes, layers, 4)
+    grid = _Grid(_edges(_FIRST_CELL * finer, depths, _FINE_BITS - coarser, dtype), offset, widest)
+    sides = _finer(old, *widths.T)
+    if directed:
+        without = _occupied(sums[:, :, _DIRECTIONS:], ((1, 1, 1), (2, 1, 1)), grid)
+        return without, _occupied(sums[:, :, :_DIRECTIONS], ((1, 1, 1), (2, 2, 2)), grid), sides
+    samples = _occupied(sums, ((1, 1, 1), (2, 2, 1), (4, 4, 1), (8, 4, 1)), grid)
+    corners = _occupied(sums, ((1, 1, 1), (2, 2, 1)), grid).corners
+    return eqx.tree_at(lambda s: s.corners, samples, corners), None, sides
 
 
-def _centroids(sums: Float[Array, "D C 4"], offset: Array, pitch: Array) -> Samples:
-    """The occupied cells; where more than half are, cells twice as deep."""
-    edges = jnp.asarray(_edges(_FIRST_CELL, _DEPTHS, _CELL_BITS, sums.dtype))
-    room = sums.shape[0] // 2 * sums.shape[1]
+class _Grid(NamedTuple):
+    """The edges of cells in delta; where slopes are measured from, in units of mu, and the largest."""
 
-    def occupied() -> Samples:
-        full = _of_cells(sums, edges, offset, pitch)
-        first = jnp.argsort(~(full.weight > 0), stable=True)[:room]
-        return jax.tree.map(lambda v: v[first], full)
-
-    def merged() -> Samples:
-        return _of_cells(sums.reshape(-1, 2, *sums.shape[1:]).sum(1), edges[::2], offset, pitch)
-
-    return jax.lax.cond((sums[..., 0] > 0).sum() <= room, occupied, merged)
+    edges: np.ndarray
+    offset: Array
+    widest: Array
 
 
-def _of_cells(sums: Float[Array, "D C 4"], edges: Array, offset: Array, pitch: Array) -> Samples:
-    first, last = edges[:-1, None], edges[1:, None]
+def _occupied(sums: Float[Array, "D C L 4"], sizes: tuple[tuple[int, int, int], ...], grid: _Grid) -> Samples:
+    """The occupied cells of the first of these sizes of which there are no more than of the last in all.
+
+    Args:
+        sums: of the grid's cells.
+        sizes: numbers of depths, slopes and layers that a cell joins.
+    """
+    shape = sums.shape[:3]
+    joined = [_joined(sums, size) for size in sizes]
+    room = joined[-1].shape[0] * joined[-1].shape[1] * joined[-1].shape[2]
+    there = [(each[..., 0] > 0).ravel() for each in joined]
+    counts = jnp.stack([each.sum() for each in there])
+    chosen = jnp.argmax(counts <= room)
+
+    def of_size(k: int) -> tuple[Array, tuple[Array, ...]]:
+        if k == len(sizes) - 1:
+            which, found = jnp.arange(room), joined[k].reshape(-1, 4)
+        else:
+            (which,) = jnp.nonzero(there[k], size=room, fill_value=0)
+            found = jnp.where((jnp.arange(room) < counts[k])[:, None], joined[k].reshape(-1, 4)[which], 0)
+        place = jnp.unravel_index(which, joined[k].shape[:3])
+        return found, tuple(i * by for i, by in zip(place, sizes[k], strict=True))
+
+    found, place = jax.lax.switch(chosen, [functools.partial(of_size, k) for k in range(len(sizes))])
+    return _of_cells(found, place, shape, grid, tuple(jnp.array(sizes)[chosen]))
+
+
+def _joined(sums: Float[Array, "D C L 4"], size: tuple[int, int, int]) -> Float[Array, "d c l 4"]:
+    """Sums over neighbouring cells."""
+    D, C, L = (count // by for count, by in zip(sums.shape[:3], size, strict=True))
+    return sums.reshape(D, size[0], C, size[1], L, size[2], 4).sum((1, 3, 5))
+
+
+def _of_cells(
+    sums: Float[Array, "N 4"],
+    place: tuple[Int[Array, " N"], ...],
+    shape: tuple[int, ...],
+    grid: _Grid,
+    size: tuple[ArrayLike, ...],
+) -> Samples:
+    """The centroids of some cells of a grid, with their corners; with normals where there are several layers.
+
+    Args:
+        sums: of each cell.
+        place: depth, slope and layer of its first.
+        shape: of the grid.
+        size: numbers of depths, slopes and layers of a cell.
+    """
+    i, j, layer = place
+    edges, pitch, offset = jnp.asarray(grid.edges), grid.widest / shape[1], grid.offset
+    first, last = edges[i], edges[i + size[0]]
     # A cell's receivers lie between two slopes and two depths: a trapezoid, in this rectangle.
-    inner = jnp.arange(_SLOPES) * pitch * (first + offset)
-    outer = jnp.arange(1, _SLOPES + 1) * pitch * (last + offset)
+    inner, outer = j * pitch * (first + offset), (j + size[1]) * pitch * (last + offset)
     depth, width = _positive(last - first), outer - inner  # cells beyond delta = 1 are empty
-    total = sums[..., 0]
-    delta, lateral, both = (sums[..., i] / _positive(total) for i in (1, 2, 3))
+    total = sums[:, 0]
+    delta, lateral, both = (sums[:, i] / _positive(total) for i in (1, 2, 3))
     u, v = (delta - first) / depth, (lateral - inner) / width
     uv = (both - first * lateral - inner * delta + first * inner) / (depth * width)
     u, v, uv = (jnp.where(total > 0, jnp.clip(place, 0, 1), 0.5) for place in (u, v, uv))  # rounding
     delta = jnp.where(total > 0, delta, (first + last) / 2)
     lateral = jnp.where(total > 0, lateral, (inner + outer) / 2)
+    normal = None if shape[2] == 1 else _normals(layer + (size[2] - 1) / 2, shape[2], sums.dtype)
 
     def at(delta: Array) -> LightDepth:
-        flat = jnp.broadcast_to(delta, total.shape).ravel()
-        return LightDepth(flat, 1 - flat)
+        return LightDepth(delta, 1 - delta)
 
-    places = (value.ravel() for value in (inner, outer, u, v, uv))
-    return Samples(at(delta), lateral.ravel(), total.ravel(), Corners(at(first), at(last), *places))
+    spread = Spread((uv - u * v) * depth * width, u * (1 - u) * depth * depth, depth, width)
+    corners = Corners(at(first), at(last), inner, outer, u, v, uv, total, normal)
+    return Samples(at(delta), lateral, total, normal, spread, corners)
 
 
 def _finer(old: Sides, right: Float[Array, " K"], left: Float[Array, " K"]) -> Sides:

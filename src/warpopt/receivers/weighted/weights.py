@@ -1,6 +1,6 @@
 """What each receiver of a set counts for in a mean. Everything seen must fit into the map, whatever its weight."""
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -13,26 +13,62 @@ from ..._checks import Numbers, checked, float_arrays, shown
 NAMED = ("uniform", "depth")
 
 
-@runtime_checkable
-class HasWeights(Protocol):
-    """An object with weights, such as what `warpopt.edge_weights` returns."""
+class EdgeWeights(eqx.Module):
+    """Weights of receivers beside shadow edges, with the edges' directions; `warpopt.edge_weights` makes them.
+
+    As `weights=` of a `DepthBuffer` or `PointReceivers`, the mean of "band" is over edges of these directions; with the
+    array `weights` alone, over all directions.
+
+    Args:
+        weights: (H, W) or (N,), one for each receiver, >= 0.
+        normals: (H, W, 2) or (N, 2), perpendicular to the edge beside each on the screen: (right, up) in pixels, of any
+            length (kept as unit vectors); n and -n are one. 0 where the direction is unknown: all are averaged there.
+
+    Attributes:
+        share: the mean of the weights: the fraction of the screen that edges cover. 0: no edge is known, and receivers
+            fall back on weights by depth, which their solutions report as `Outcome.depth_weighted`.
+
+    Raises:
+        ValueError: other shapes, a negative weight, NaN or infinity.
+
+    Example:
+        >>> EdgeWeights([1.0, 0.0], [[0.0, 1.0], [0.0, 0.0]]).share   # the first of two points, beside a level edge
+        Array(0.5, dtype=float64)
+    """
+
+    weights: Float[Array, "..."]
+    normals: Float[Array, "... 2"]
+
+    def __init__(self, weights: Numbers, normals: Numbers):
+        weights, normals = float_arrays(weights=weights, normals=normals)
+        if normals.shape != (*weights.shape, 2):
+            raise ValueError(
+                f"normals: got shape {normals.shape}, expected {(*weights.shape, 2)}, two numbers for each weight"
+            )
+        self.weights = checked("weights", weights, *_POSITIVE)
+        normals = checked("normals", normals, lambda n: abs(n) < np.inf, "finite numbers")
+        # Divided by the larger first: squares stay in range for normals of any size.
+        largest = jnp.abs(normals).max(-1, keepdims=True)
+        normals = normals / jnp.where(largest > 0, largest, 1)
+        self.normals = normals / jnp.sqrt(jnp.where(largest > 0, (normals * normals).sum(-1, keepdims=True), 1))
 
     @property
-    def weights(self) -> Float[Array, "..."]:
-        """One for each receiver."""
-        ...
+    def share(self) -> Float[Array, ""]:
+        return self.weights.mean()
 
 
-Weighting = Numbers | str | HasWeights
-"""What says how much a receiver counts: one number for each, or "uniform" or "depth"."""
+Weighting = Numbers | str | EdgeWeights
+"""What says how much a receiver counts: one number for each, or "uniform" or "depth", or a shadow edge."""
+
+_POSITIVE = (lambda w: (w >= 0) & (w < np.inf), "finite numbers >= 0")
 
 
 class Weights(eqx.Module):
     """Weights of receivers in a mean.
 
     Args:
-        weights: an array of the given shape, >= 0; "uniform"; or "depth", the eye depth z, which stands for shadow
-            edges where none are known: they crowd in the distance. None means "uniform".
+        weights: an array of the given shape, >= 0; `EdgeWeights`; "uniform"; or "depth", the eye depth z, which stands
+            for shadow edges where none are known: they crowd in the distance. None means "uniform".
         lit: which receivers the light reaches, of the same shape; others have the weight 0. None means all.
         shape: of the set of receivers.
 
@@ -42,6 +78,7 @@ class Weights(eqx.Module):
 
     values: Float[Array, "..."] | None
     lit: Bool[Array, "..."] | None
+    normals: tuple[Float[Array, "..."], Float[Array, "..."]] | None
     by_depth: bool = eqx.field(static=True)
 
     def __init__(self, weights: Weighting | None, lit: Numbers | None, shape: tuple[int, ...]):
@@ -49,6 +86,11 @@ class Weights(eqx.Module):
             expected = ", ".join(map(repr, NAMED))
             raise ValueError(f"weights: got {shown(weights)}, expected {expected} or an array of shape {shape}")
         named = weights is None or isinstance(weights, str)
+        self.normals = None
+        if isinstance(weights, EdgeWeights):
+            # Apart, each without gaps in memory: a sweep over both at once takes half as long again.
+            self.normals = weights.normals[..., 0], weights.normals[..., 1]
+            weights = weights.weights
         self.values = None if named else _weights(weights, shape)
         self.by_depth = named and weights == "depth"
         self.lit = None if lit is None else mask_of("lit", lit, shape)
@@ -73,6 +115,10 @@ class Weights(eqx.Module):
         instead = jnp.where(counted.any(), counted, seen)
         return jnp.where(none, jnp.where(instead, z, 0), weights), none & seen.any()
 
+    def normals_for(self, kernel: str | None) -> tuple[Float[Array, "..."], Float[Array, "..."]] | None:
+        """The normals' components for a kernel that depends on them; None for all but "band", and if there are none."""
+        return self.normals if kernel == "band" else None
+
     def of_groups(self, z: Float[Array, "K N"], seen: Bool[Array, " K"]) -> tuple[Float[Array, "K N"], Bool[Array, ""]]:
         """`of`, where each weight is that of a group of receivers with the eye depths of a row of z."""
         each = self if self.values is None else eqx.tree_at(lambda w: w.values, self, self.values[:, None])
@@ -80,12 +126,11 @@ class Weights(eqx.Module):
 
 
 def _weights(weights: Any, shape: tuple[int, ...]) -> Array:
-    weights = getattr(weights, "weights", weights)  # of an `EdgeWeights`
     kind = jnp.result_type(weights if hasattr(weights, "dtype") else np.asarray(weights))
     (weights,) = float_arrays(weights=jnp.asarray(weights, float) if kind == np.dtype(bool) else weights)
     if weights.shape != shape:
         raise ValueError(f"weights: got shape {weights.shape}, expected {shape}, one for each receiver")
-    return checked("weights", weights, lambda w: (w >= 0) & (w < np.inf), "finite numbers >= 0")
+    return checked("weights", weights, *_POSITIVE)
 
 
 def mask_of(name: str, mask: Any, shape: tuple[int, ...] | None) -> Bool[Array, "..."]:

@@ -2,15 +2,24 @@
 
     J(eta) = sum of w_i k(E_p, sigma E_p, E_q)^P,    k convex and rising in all three (`theory.texel`)
 
-E_p and sigma E_p are convex in eta. E_q = a(eta) w(eta), a linear and rising, the map's width w convex and falling; so
+E_p and sigma E_p are convex in eta. E_q = a w, with a rising line a and the map's width w, which is at least what the
+two receivers span that span it at m. With f one of them, its share of a receiver's E_q is A/A_f up to a constant:
+convex in eta where delta >= delta_f, and else
 
-    E_q(eta) >= E_q(m) + E_q'(m) (eta - m) - a' |w'(m)| (eta - m)^2,
+    A/A_f (eta) >= tangent at m - (1 - delta/delta_f) (1 - delta_f)/A_f(m)^2 (eta - m)^2.
 
-and by the gradients of k at m, which are not negative, J lies above a parabola that touches it at m:
+By the gradients of k at m, which are not negative, J lies above a parabola that touches it at m:
 
-    J(eta) >= J(m) + J'(m) (eta - m) - C(m) (eta - m)^2,    C(m) = |w'(m)| sum of w_i a_i' dk^P/dE_q.
+    J(eta) >= J(m) + J'(m) (eta - m) - C(m) (eta - m)^2.
 
-J may have several local minima; a few such parabolas bound them all (`weak_convexity`).
+Beside an edge of known normal (c, s), k is that of E_p (c + sigma s) and E_q s. In eta the former is linear but for a
+term g/eta, which is convex or concave by the sign of g and of k's derivative; where it is concave,
+
+    1/eta = 1/m - (eta - m)/m^2 + (eta - m)^2/(m^2 eta)
+
+adds -D(m) (eta - m)^2 / eta, with D(m) = sum of w_i |g_i dk^P/d(E_p (c + sigma s))| / m^2 over these.
+
+J may have several local minima; a few such curves bound them all (`weak_convexity`).
 """
 
 from typing import NamedTuple
@@ -18,21 +27,26 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._numerics import power
 from ...receivers.footprint import Footprint
-from ...receivers.samples import Samples
+from ...receivers.samples import Normal, Samples
 from ...theory.light_space import LightDepth
-from ...theory.texel import KERNELS
+from ...theory.texel import KERNELS, lean, offset_across
 
 
 class Touch(NamedTuple):
-    """J at some eta, its slope, and C: the parabola that touches J there from below."""
+    """J at some eta, its slope, C and D: the curve that touches J there from below.
+
+    value + slope (e - eta) - (bend + pole / e) (e - eta)^2
+    """
 
     value: Float[Array, ""]
     slope: Float[Array, ""]
     bend: Float[Array, ""]
+    pole: Float[Array, ""]
 
 
 class Selection(NamedTuple):
@@ -100,66 +114,44 @@ class SampleNorm(eqx.Module):
         return jax.jvp(lambda v: self.value(v, active), (u,), (jnp.ones_like(u),))[1]
 
     def touch(self, eta: Float[Array, ""]) -> Touch:
-        """The parabola that touches J at eta."""
-        width, widening = self._widening(eta)
+        """The curve that touches J at eta."""
+        sides = [self._active(side, eta) for side in (self.footprint.sides.right, self.footprint.sides.left)]
+        width, widening = (sum((side[k] for side in sides), start=jnp.zeros_like(eta)) for k in (0, 1))
+        parts = self.parts
+        nothing = [jnp.zeros_like(part.weight) for part in parts]
+        # One pass backwards for all: compiling takes most of a first call.
+        value, slopes = jax.value_and_grad(self._sum, (0, 1, 2, 3))(eta, width, nothing, nothing)
+        by_eta, by_width, by_row, by_lean = slopes
+        bend = pole = jnp.zeros_like(eta)
+        for part, rise, lean_rise in zip(parts, by_row, by_lean, strict=True):
+            delta = part.depth.delta
+            for _, steepness, first in sides:
+                before = jnp.where(delta < first, 1 - delta / jnp.where(first > 0, first, 1), 0)
+                bend = bend - self.across * steepness * (rise * before).sum()
+            if part.normal is not None:
+                c, s = part.normal
+                over_eta = self.along * delta * (c * delta + s * part.lateral * self.pixel_ratio)
+                concave = -lean_rise * over_eta
+                pole = pole + jnp.where(concave > 0, concave, 0).sum() / (eta * eta)
+        return Touch(value, by_eta + by_width * widening, bend, pole)
 
-        def mean(eta: Array, width: Array, more: Array) -> Array:
-            e_p, sigma, e_q = self._texels(eta, width)
-            return self._sum(e_p, sigma, e_q + more * self.samples.depth.one_minus_delta)
+    @property
+    def parts(self) -> list[Samples]:
+        """The samples without and, for a kernel that depends on them, with a known direction."""
+        directed = self.footprint.directed if self.kernel == "band" else None
+        return [self.samples] if directed is None else [self.samples, directed]
 
-        # One pass backwards for all three: compiling takes most of a first call.
-        value, (by_eta, by_width, rise) = jax.value_and_grad(mean, (0, 1, 2))(eta, width, jnp.zeros_like(eta))
-        return Touch(value, by_eta + by_width * widening, self.across * jnp.abs(widening) * rise)
-
-    def corner_mean(self, eta: Float[Array, ""]) -> Float[Array, ""]:
-        """An upper bound on J for the individual receivers: the size interpolated between the cells' corners.
-
-        It is convex in delta at a given distance and in the distance at a given delta.
-        """
-        samples, corners = self.samples, self.samples.corners
-        width = self._width(eta, *self._edges(eta))
-        if corners is None:
-            return self._sum(*self._texels(eta, width))
-        u, v, uv = corners.u, corners.v, corners.uv
-        depth = LightDepth(*(jnp.stack(ends)[:, None] for ends in zip(corners.near, corners.far, strict=True)))
-        lateral = jnp.stack([corners.inner, corners.outer])
-        share = jnp.stack([jnp.stack([1 - u - v + uv, v - uv]), jnp.stack([u - uv, uv])])
-        size = KERNELS[self.kernel](*self._errors(depth, lateral, eta, width))
-        return (samples.weight * jnp.where(share > 0, share, 0) * power(size, self.order)).sum()
-
-    def covariance_loss(self, eta: Float[Array, ""]) -> Float[Array, ""]:
-        """How far J of the individual receivers may lie below the centroids', as a share; falls as eta rises.
-
-        The size is A k(.) with k(.) convex in (A, x): with g its slope in x, a cell's mean is at least its centroid's
-        size plus g times the covariance of A and x, and g is at most k / max(A, x (1 - eta) / mu). For a power P > 1 it
-        is the covariance of A^P and x, at most a quarter of the product of their ranges.
-        """
-        samples, corners = self.samples, self.samples.corners
-        if corners is None or self.kernel == "max":
-            return jnp.zeros_like(eta)
-        spread = (corners.far.delta - corners.near.delta) * (corners.outer - corners.inner)
-        blend = samples.depth.blend(eta)
-        if self.order == 1:
-            share = jnp.abs(corners.uv - corners.u * corners.v)
-        else:
-            share = 0.25 * self.order**2 * power(corners.far.blend(eta) / blend, self.order - 1)
-        shear = samples.lateral * (1 - eta)
-        loss = share * spread * (1 - eta) ** 2 / (blend * jnp.where(shear > blend, shear, blend))
-        return jnp.where(samples.weight > 0, loss, 0).max()
-
-    def _widening(self, eta: Array) -> tuple[Array, Array]:
-        """(the width, its slope), without an argmax, which takes longer than all the rest."""
-        sides = self.footprint.sides
-        depth = LightDepth(*(_in_lanes(part) for part in sides.depth))
+    def _active(self, side: Array, eta: Array) -> tuple[Array, Array, Array]:
+        """(what a side spans, its slope, the delta of a receiver that spans it), without an argmax, which takes longer
+        than all the rest."""
+        depth = LightDepth(*(_in_lanes(part) for part in self.footprint.sides.depth))
         blend = jnp.where(depth.delta + depth.one_minus_delta > 0, depth.blend(eta), 1)
-        nearly = 1 - 8 * jnp.finfo(eta.dtype).eps
-        width = widening = jnp.zeros_like(eta)
-        for side in (sides.right, sides.left):
-            spans = _in_lanes(side) / blend
-            widest = spans.max(0).max()
-            steepness = jnp.where(spans >= nearly * widest, spans * depth.one_minus_delta / blend, 0).max(0).max()
-            width, widening = width + widest, widening - steepness
-        return width, widening
+        spans = _in_lanes(side) / blend
+        widest = spans.max(0).max()
+        # Of those that tie the first, which is the steepest.
+        tied = spans >= (1 - 8 * jnp.finfo(eta.dtype).eps) * widest
+        steepness = jnp.where(tied, spans * depth.one_minus_delta / blend, 0).max(0).max()
+        return widest, -steepness, jnp.where(tied, depth.delta, jnp.inf).min(0).min()
 
     def _edges(self, eta: Array) -> tuple[Array, Array]:
         sides = self.footprint.sides
@@ -174,23 +166,49 @@ class SampleNorm(eqx.Module):
 
         return span(sides.right, right) + span(sides.left, left)
 
-    def _texels(self, eta: Array, width: Array) -> tuple[Array, Array, Array]:
-        return self._errors(self.samples.depth, self.samples.lateral, eta, width)
+    def width(self, eta: Float[Array, ""]) -> Float[Array, ""]:
+        """The map's width at A = 1."""
+        return self._width(eta, *self._edges(eta))
 
-    def _errors(self, depth: LightDepth, lateral: Array, eta: Array, width: Array) -> tuple[Array, Array, Array]:
+    def errors(
+        self, depth: LightDepth, lateral: Array, eta: Array, width: Array
+    ) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
         """(E_p, sigma, E_q) at `footprint.unit`: theory2 section 0."""
         blend = depth.blend(eta)
         sigma = lateral * ((1 - eta) * self.pixel_ratio) / blend
         return self.along * blend * blend / eta, sigma, self.across * width * blend
 
-    def _sum(self, e_p: Array, sigma: Array, e_q: Array) -> Array:
-        return (self.samples.weight * power(KERNELS[self.kernel](e_p, sigma, e_q), self.order)).sum()
+    def _texels(self, eta: Array, width: Array) -> tuple[Array, Array, Array]:
+        return self.errors(self.samples.depth, self.samples.lateral, eta, width)
+
+    def _sum(self, eta: Array, width: Array, rows: list[Array], leaning: list[Array]) -> Array:
+        """J, with something added to each part's E_q, and to its columns' extents across edges."""
+        total = jnp.zeros_like(eta)
+        for part, row, column in zip(self.parts, rows, leaning, strict=True):
+            e_p, sigma, e_q = self.errors(part.depth, part.lateral, eta, width)
+            size = self.size((e_p, sigma, e_q + row), part.normal, column)
+            total = total + (part.weight * power(size, self.order)).sum()
+        return total
+
+    def size(
+        self, errors: tuple[Array, Array, Array], normal: Normal | None, leaning: ArrayLike = 0.0
+    ) -> Float[Array, "..."]:
+        """The size of a texel of these E_p, sigma and E_q, beside an edge of a known normal if one is given.
+
+        `leaning` is added to the column's extent across the edge.
+        """
+        e_p, sigma, e_q = errors
+        if normal is None:
+            return KERNELS[self.kernel](e_p, sigma, e_q)
+        return offset_across(lean(e_p, sigma, normal) + leaning, e_q * normal[1])
 
     def _piece(self, u: Array, active: Selection) -> Array:
         eta = jnp.exp(u)
-        e_p, sigma, e_q = self._texels(eta, self._width(eta, active.right, active.left))
+        width = self._width(eta, active.right, active.left)
         if self.kernel == "band":
-            return self._sum(e_p, sigma, e_q)
+            nothing = [jnp.zeros(())] * len(self.parts)
+            return self._sum(eta, width, nothing, nothing)
+        e_p, sigma, e_q = self._texels(eta, width)
         column = e_p if self.kernel == "max" else e_p * jnp.sqrt(1 + sigma * sigma)
         return (self.samples.weight * power(jnp.where(active.across, e_q, column), self.order)).sum()
 

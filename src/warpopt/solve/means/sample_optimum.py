@@ -1,4 +1,4 @@
-"""The optimal warp for a mean over weighted receivers: found and proved by parabolas, then settled."""
+"""The optimal warp for a mean over weighted receivers: found and proved by bounds from below, then settled."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from ..outcome import Outcome
 from ..pieces import Optimum, settled, slope_at, value_at, zero_of_slope
 from .sample_norm import SampleNorm
-from .weak_convexity import TOLERANCE, Minimum, least
+from .weak_convexity import Minimum, least
 
 
 class SampleOptimum(NamedTuple):
@@ -61,54 +61,3 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
     least_sum = found.bounds.min()
     bound = jnp.where(least_sum > 0, least_sum, 0) ** (1 / norm.order) * jnp.exp(fixed.log_scale)
     return SampleOptimum(Optimum(u, outcome, residual, margin), bound, found)
-
-
-def excess_of_cells(
-    norm: SampleNorm, best_case: SampleNorm, search: Minimum, u: Array, min_eta: Array
-) -> Float[Array, ""]:
-    """Bound on the regret due to cells and grouped sides: the most that the individual receivers' norm may be at u over
-    the least that it may be anywhere, minus 1.
-
-    Args:
-        norm: what was minimised.
-        best_case: the same with the most favourable sides.
-        search: of `norm`.
-        u: log of the eta that was found.
-        min_eta: the least eta that counts.
-    """
-    eta, floor = jnp.exp(u), min_eta.astype(u.dtype)
-    most = norm.corner_mean(eta)
-    # The loss falls as eta rises: it is taken at two places, so that small eta, which are bad, do not count.
-    half = jnp.where(eta / 2 > floor, eta / 2, floor)
-    low_loss, high_loss = norm.covariance_loss(floor), norm.covariance_loss(half)
-
-    def without_loss(bounds: Array, starts: Array) -> Array:
-        loss = jnp.where(starts < half, low_loss, high_loss)
-        return bounds * jnp.where(loss < 1, 1 - loss, 0)
-
-    # A width narrower by a factor leaves at least that factor of a size: enough where the search's bound is high. In
-    # the rest, around the optimum, the best case is searched itself.
-    rough = without_loss(search.bounds, search.starts) * _narrowing(norm, best_case, floor) ** norm.order
-    around = jnp.isfinite(search.bounds) & (rough < search.value)
-    low, high = jnp.where(around, search.starts, jnp.inf).min(), jnp.where(around, search.ends, 0).max()
-    low, high = (jnp.where(around.any(), v, eta) for v in (low, high))
-    near = least(best_case.touch, low, high, count=_NEAR, tolerance=10 * TOLERANCE)
-    fewest = jnp.minimum(jnp.where(around, jnp.inf, rough).min(), without_loss(near.bounds, near.starts).min())
-    fewest = jnp.where(jnp.isfinite(fewest), fewest, search.value)
-    ratio = jnp.where(fewest > 0, most / jnp.where(fewest > 0, fewest, 1), jnp.inf)
-    ratio = jnp.where(most > 0, ratio, 1)
-    return jnp.where(ratio > 1, ratio, 1) ** (1 / norm.order) - 1
-
-
-_NEAR = 4  # nodes to begin with around the optimum
-
-
-def _narrowing(norm: SampleNorm, best_case: SampleNorm, eta: Array) -> Array:
-    """The least factor between a side's most favourable width and its own, at this eta and all larger ones."""
-    sides, best = norm.footprint.sides, best_case.footprint.sides
-    shrunk = sides.depth.blend(eta) / best.depth.blend(eta)
-    factors = [
-        jnp.where(own > 0, other / jnp.where(own > 0, own, 1) * shrunk, 1).min()
-        for own, other in ((sides.right, best.right), (sides.left, best.left))
-    ]
-    return jnp.minimum(*factors)

@@ -1,4 +1,4 @@
-"""The global minimum of a function of eta that parabolas bound from below, and the bound that proves it."""
+"""The global minimum of a function of eta that curves bound from below, and the bound that proves it."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -45,7 +45,8 @@ def least(
     """The least value over [floor, ceiling]: nodes are added where the bound is lowest, until that is near the best.
 
     Args:
-        touch: at eta, a parabola value + slope (e - eta) - bend (e - eta)^2 that the function exceeds for every e.
+        touch: at eta, a curve value + slope (e - eta) - (bend + pole / e) (e - eta)^2 that the function exceeds for
+            every e.
         floor, ceiling: in (0, 1].
         count: number of nodes to begin with, even in log(eta).
         tolerance: best value over bound, minus 1, at most; in single precision its rounding at least.
@@ -56,8 +57,7 @@ def least(
     begin = -(-count // _TOGETHER)  # the first steps, whose nodes are given
     count = begin * _TOGETHER
     room, high = count + _TOGETHER * _STEPS, jnp.asarray(ceiling, dtype)
-    first = floor * jnp.exp(jnp.linspace(0, 1, count, dtype=dtype) * jnp.log(high / floor))
-    first = jnp.where(first < high, first, high).at[-1].set(high)
+    first = even_nodes(floor, high, count)
     nodes = jnp.full(room, jnp.inf, dtype)
     found = Touch(*(jnp.zeros(room, dtype) for _ in Touch._fields))
 
@@ -66,8 +66,10 @@ def least(
         inside = jnp.isfinite(nodes[1:])
         left, right = (jax.tree.map(lambda v, at=at: v[at], found) for at in (slice(None, -1), slice(1, None)))
         start, width = nodes[:-1], jnp.where(inside, nodes[1:] - jnp.where(inside, nodes[:-1], 0), 1)
-        # A concave parabola lies above its chord.
-        falling, rising = left.slope - left.bend * width, right.slope + right.bend * width
+        # 1/e is largest at the start, and a concave parabola lies above its chord.
+        nearness = 1 / jnp.where(start > 0, start, 1)
+        falling = left.slope - (left.bend + left.pole * nearness) * width
+        rising = right.slope + (right.bend + right.pole * nearness) * width
         meeting = (right.value - rising * width - left.value) / jnp.where(falling < rising, falling - rising, -1)
         meeting = jnp.clip(jnp.where(falling < rising, meeting, 0), 0, width)
 
@@ -104,3 +106,9 @@ def least(
     below = jnp.where(i > 0, nodes[i - 1], 0)
     above = nodes[jnp.minimum(i + 1, room - 1)]
     return Minimum(nodes[i], values[i], found.slope[i], below, above, nodes[:-1], nodes[1:], bounds(nodes, found)[0])
+
+
+def even_nodes(floor: Float[Array, ""], ceiling: Float[Array, ""], count: int) -> Float[Array, " count"]:
+    """From floor to ceiling, even in the logarithm."""
+    nodes = floor * jnp.exp(jnp.linspace(0, 1, count, dtype=floor.dtype) * jnp.log(ceiling / floor))
+    return jnp.where(nodes < ceiling, nodes, ceiling).at[-1].set(ceiling)
