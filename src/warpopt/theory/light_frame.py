@@ -134,8 +134,8 @@ class LightFrame(eqx.Module):
 
     @property
     def screen_axes(self) -> Float[Array, "2 2"]:
-        """Vectors (right, up) in pixels: the screen image of Z_w, on lit surfaces, over its part across X_w's, and the unit
-        vector along X_w's."""
+        """Vectors (right, up) in pixels: Z_w's screen image, on lit surfaces, over its part across X_w's image; and the
+        unit vector along X_w's image."""
         across, along = self.pixels.T
         length = jnp.sqrt((across * across).sum())
         height = (across[1] * along[0] - across[0] * along[1]) / length
