@@ -119,7 +119,7 @@ def test_pixels_are_searched_as_their_cells():
         row, column = rng.integers(5, height - 15), rng.integers(0, width - 10)
         depth[row : row + 14, column : column + 8] = rng.uniform(3, 20)
     view = SceneView(
-        CAMERA, DirectionalLight((0.5, -0.6, -1)), DepthBuffer(depth, weights="depth"), warp_direction="best", **SCREEN
+        CAMERA, DirectionalLight((0.3, -0.2, -1)), DepthBuffer(depth, weights="depth"), warp_direction="best", **SCREEN
     )
     found = optimal_warp(view, EDGE)
     sketch = view.receivers.sketch(CAMERA, EDGE)

@@ -16,7 +16,7 @@ from warpopt.solve.means.cell_bounds import corner_mean, covariance_loss, excess
 from warpopt.solve.means.sample_norm import Touch
 from warpopt.solve.means.weak_convexity import least
 from warpopt.solve.pieces import value_at
-from warpopt.solve.scene import _log_norm
+from warpopt.solve.scene_norm import log_norm_of
 from warpopt.theory import edge_offset
 
 CAMERA = Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=500.0, half_fov=0.4, aspect=1.6)
@@ -132,7 +132,7 @@ def test_an_edges_offset_has_finite_gradients_at_every_edge(lengths):
 
 
 def norm_of(view, objective):
-    return _log_norm(view.footprint(objective), view.frame(), objective)
+    return log_norm_of(view.footprint(objective), view.frame(), objective)
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES, ids=NAMES)
