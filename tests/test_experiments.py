@@ -261,3 +261,33 @@ def test_figure_3_is_drawn(tmp_path, main, capsys):
     main("figure3", "--short", "--image", str(tmp_path / "figure3.png"))
     assert (tmp_path / "figure3.png").stat().st_size > 10_000
     assert len(re.findall(r"% wrong", capsys.readouterr().out)) == 12
+
+
+def test_directions_are_searched_exhaustively(tmp_path, main, script, monkeypatch):
+    """Two frames and 60 directions: the search is within 0.5 % of their least."""
+    pytest.importorskip("embreex")
+    directions = script("directions")
+    monkeypatch.setattr(directions, "OBJECTIVES", {"storage": directions.OBJECTIVES["storage"]})
+    page = tmp_path / "page.md"
+    page.write_text("<!-- directions -->\n<!-- end directions -->\n")
+    main("directions", "--short", "--directory", str(tmp_path), "--page", str(page))
+    records = json.loads((tmp_path / "directions.json").read_text())
+    assert len(records) == 2
+    for each in records:
+        assert each["values"]["storage"]["best"] <= 1.005 * each["least"]["storage"]
+        assert each["minima"]["storage"] >= 1
+    assert "| storage | 2 of 2 |" in page.read_text()
+
+
+def test_turned_warps_are_measured_in_pixels(tmp_path, main, script, monkeypatch):
+    """One small frame: a turned and shaped warp beside the others, and a second call that measures nothing again."""
+    pytest.importorskip("embreex")
+    turned = script("pixels_turned")
+    for name, value in (("TURNED", ("shaped-edge",)), ("GOALS", {"edge": 0.8}), ("RULES", ("none",))):
+        monkeypatch.setattr(turned, name, value)
+    monkeypatch.setattr(turned, "STRAIGHT", ("none", "lispsm", "p-inf", "edge", "band"))
+    main("pixels_turned", "--short", "--directory", str(tmp_path))
+    before = (tmp_path / "turned.json").stat().st_mtime_ns
+    main("pixels_turned", "--short", "--directory", str(tmp_path))
+    assert (tmp_path / "turned.json").stat().st_mtime_ns == before
+    assert "edge-weighted, turned, best aspect" in (tmp_path / "tables.md").read_text()
