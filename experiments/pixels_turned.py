@@ -86,8 +86,8 @@ def tables(records: list[dict]) -> str:
     )
     return (
         f"{len(records)} frames of {len({r['scene'] for r in records})} scenes, as in [pixels.md](pixels.md), by the "
-        f"angle between light and view; maps of 1024 x 1024 texels. Goals, with the best direction and aspect: {goals}.\n\n"
-        + table(heads, rows)
+        "angle between light and view; maps of 1024 x 1024 texels. Goals, with the best direction and aspect: "
+        f"{goals}.\n\n" + table(heads, rows)
     )
 
 

@@ -146,6 +146,33 @@ def test_pixels_are_searched_as_their_cells():
     assert float(found.value) <= min(every) * 1.005
 
 
+def test_sums_of_a_sketch_are_the_pixels_own():
+    """Over all cells: weights over depths, and their moments, by NumPy; and each cell's centroid lies in it."""
+    rng = np.random.default_rng(6)
+    depth = np.exp(rng.uniform(0, 4, (47, 75)))
+    depth[:9] = np.inf
+    weights = rng.uniform(0, 1, depth.shape)
+    sketch = DepthBuffer(depth, weights=weights).sketch(CAMERA, EDGE)
+    left, right, bottom, top = np.asarray(CAMERA.window)
+    x = left + (right - left) * (np.arange(75) + 0.5) / 75
+    y = top - (top - bottom) * (np.arange(47) + 0.5) / 47
+    seen = depth < float(CAMERA.far)
+    z = np.where(seen, depth, 1)
+    share = np.where(seen, weights, 0) / z
+    share = share * z[seen].min() / weights[seen].sum()
+    places = np.stack([z * x, z * y[:, None], z])
+    exact = [share.sum(), *(share * places).sum((1, 2))]
+    np.testing.assert_allclose([float(part.sum()) for part in sketch.sums], exact, rtol=1e-12)
+    filled = np.asarray(sketch.sums.weight) > 0
+    depth_of = np.asarray(sketch.sums.z)[filled] / np.asarray(sketch.sums.weight)[filled]
+    for i, part in enumerate((sketch.sums.x, sketch.sums.y)):
+        slope = np.asarray(part)[filled] / np.asarray(sketch.sums.z)[filled]
+        assert (slope >= np.asarray(sketch.low)[filled, i] - 1e-12).all()
+        assert (slope <= np.asarray(sketch.high)[filled, i] + 1e-12).all()
+    assert (depth_of >= np.asarray(sketch.near)[filled] * (1 - 1e-12)).all()
+    assert (depth_of <= np.asarray(sketch.far)[filled] * (1 + 1e-12)).all()
+
+
 def test_many_points_are_searched_as_cells():
     """5,000 points: the same direction's norm as the points' own, within 0.5 % of the best of 40."""
     rng = np.random.default_rng(5)
