@@ -11,7 +11,10 @@ run resumes; directions.json has a row for each frame.
 import argparse
 import functools
 import json
+import os
 from pathlib import Path
+
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=3")  # it runs for long: not the command line's 0
 
 from warpopt.app.common.jax_settings import prepare_jax
 
