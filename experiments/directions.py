@@ -9,9 +9,11 @@ run resumes; directions.json has a row for each frame.
 """
 
 import argparse
+import dataclasses
 import functools
 import json
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=3")  # it runs for long: not the command line's 0
@@ -24,11 +26,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from pixels_page import write_between
-from pixels_scenes import draw
+from pixels_scenes import CLASSES, draw, read_scene
 
 import warpopt
 from warpopt.app.common.light_plane import Drawn, light_plane_figure
+from warpopt.frames import LitScene, see
 from warpopt.receivers import DepthBuffer
+from warpopt.scene_files.scene_camera import SceneCamera
 from warpopt.theory.camera import camera_of
 
 KINDS, SEEDS = ("hills", "city", "forest", "corridor"), (31, 32, 33, 34, 35, 36, 37)
@@ -39,12 +43,39 @@ GIVEN = ("view", "gradient", "middle")
 _PICTURED = "hills 22"
 
 
-def view_of(frame, direction="best") -> warpopt.SceneView:
+@dataclasses.dataclass(frozen=True, eq=False)
+class Seen:
+    """What one frame sees: a scene's name, the camera, eye depths, and the light's direction."""
+
+    scene: str
+    theta_deg: float
+    camera: SceneCamera
+    depth: np.ndarray
+    light: np.ndarray
+
+
+def seen_in(name: str) -> Iterator[Seen]:
+    """A frame of a scene in each class of theta."""
+    scene = read_scene(name)
+    random = np.random.default_rng([*name.encode()])
+    for low, high in CLASSES:
+        while True:
+            camera = scene.camera(int(random.integers(64)), WIDTH / HEIGHT, half_fov=0.45)
+            elevation, azimuth = np.deg2rad(random.uniform(5, 80)), random.uniform(0, 2 * np.pi)
+            flat = np.cos(elevation)
+            light = np.array([flat * np.sin(azimuth), -np.sin(elevation), flat * np.cos(azimuth)])
+            theta = float(np.rad2deg(np.arccos(min(1.0, abs(light @ camera.rotation[2])))))
+            if low <= theta < high:
+                depth = see(LitScene(scene.triangles, light), camera, HEIGHT, WIDTH).depth
+                yield Seen(name, theta, camera, depth, light)
+                break
+
+
+def view_of(frame: Seen, direction="best") -> warpopt.SceneView:
     """One frame's pixels as receivers, weighted by their depth."""
     return warpopt.SceneView(
-        camera_of(frame.frame.camera), warpopt.DirectionalLight(frame.lit.axes[2]),
-        DepthBuffer(frame.frame.depth, weights="depth"), screen=(WIDTH, HEIGHT), shadow_map=(MAP, MAP),
-        warp_direction=direction,
+        camera_of(frame.camera), warpopt.DirectionalLight(frame.light), DepthBuffer(frame.depth, weights="depth"),
+        screen=(WIDTH, HEIGHT), shadow_map=(MAP, MAP), warp_direction=direction,
     )  # fmt: skip
 
 
@@ -64,7 +95,7 @@ def exhaustive(view: warpopt.SceneView, objective: warpopt.Objective, count: int
     return jax.lax.map(along, jnp.linspace(0, 2 * jnp.pi, count, endpoint=False))
 
 
-def record(drawn, directions: int) -> dict:
+def record(drawn: Seen, directions: int) -> dict:
     """What is measured on one frame."""
     told: dict = {"scene": drawn.scene, "theta_deg": drawn.theta_deg, "values": {}, "least": {}, "minima": {}}
     for name, objective in OBJECTIVES.items():
@@ -136,7 +167,7 @@ def main(arguments: list[str] | None = None) -> int:
     records = json.loads(kept.read_text()) if kept.exists() else []
     count, directions = (2, 60) if asked.short else (COUNT, DIRECTIONS)
     names = [f"{kind} {seed}" for seed in SEEDS for kind in KINDS]
-    drawn = (frame for name in names for frame in draw(name, 1, WIDTH, HEIGHT))
+    drawn = (frame for name in names for frame in seen_in(name))
     for number, frame in enumerate(drawn):
         if number >= count:
             break

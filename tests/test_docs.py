@@ -192,7 +192,8 @@ def test_command_lines_are_accepted(page, words):
         config = ROOT / command.config
         check_modules(read_compare_config(config, rest).rules, config.parent)
     elif isinstance(command, cli.Export):
-        ExportRequest.of(command.table, command.to, command.directory, command.metric, command.prefix)
+        asked = command.metric, command.receivers, command.prefix
+        ExportRequest.of(command.table, command.to, command.directory, *asked)
     elif isinstance(command, cli.Solve | cli.Rules | cli.Limit):
         fields = {name: value for name, value in vars(command).items() if name in Problem.model_fields}
         validated(Problem, fields, page.name)

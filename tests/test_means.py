@@ -78,7 +78,7 @@ def brute(points, weights, light, objective, etas, screen=SCREEN, shadow_map=MAP
         size = kernel(objective.name, *(v[:, counted] for v in (e_p, sigma, e_q)))
     else:
         # A texel's edges on the screen: on lit surfaces depth grows against the light.
-        column, row = np.array([up, -right]) * per_slope, np.array([right, up]) * per_slope
+        column, row = np.array([-up, right]) * per_slope, np.array([right, up]) * per_slope
         c, s = (normals * column / along).sum(1), (normals * row / across).sum(1)
         s = s * np.where(x < 0, -1, 1)
         c, s = (c, s) if rounded is None else rounded(c, s)

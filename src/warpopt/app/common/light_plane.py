@@ -79,6 +79,7 @@ def light_plane_figure(eye_points: np.ndarray, maps: list[Drawn]) -> Figure:
     wide, tall = max(wide, 0.5 * _SIDE), max(tall, 0.25 * _SIDE)
     figure = style.new_figure(len(maps) * (wide + gap) + 1.0, tall + top + 0.2)
     norm = LogNorm(float(depth.min()), max(float(depth.max()), 1.0001 * float(depth.min())))
+    dots = None
     for k, drawn in enumerate(maps):
         axes = style.place(figure, 0.15 + k * (wide + gap), top, wide, tall)
         dots = axes.scatter(
@@ -96,7 +97,8 @@ def light_plane_figure(eye_points: np.ndarray, maps: list[Drawn]) -> Figure:
         style.beside(axes, drawn.title, (0, 1), (0, 17), ha="left", va="bottom", fontsize=9.5, fontweight="bold")
         style.beside(axes, drawn.words, (0, 1), (0, 4), ha="left", va="bottom", color=style.MUTED)
     bar = style.place(figure, 0.15 + len(maps) * (wide + gap), top, 0.12, tall)
-    figure.colorbar(dots, cax=bar)
+    if dots is not None:
+        figure.colorbar(dots, cax=bar)
     style.log_axis(bar, (float(norm.vmin or 1), float(norm.vmax or 2)))
     bar.yaxis.tick_right()
     bar.tick_params(labelleft=False, labelright=True)
