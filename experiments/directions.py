@@ -36,7 +36,7 @@ from warpopt.scene_files.scene_camera import SceneCamera
 from warpopt.theory.camera import camera_of
 
 KINDS, SEEDS = ("hills", "city", "forest", "corridor"), (31, 32, 33, 34, 35, 36, 37)
-WIDTH, HEIGHT, MAP = 96, 60, 1024
+WIDTH, HEIGHT, MAP = 64, 40, 1024
 COUNT, DIRECTIONS = 100, 720
 OBJECTIVES = {"edge": warpopt.Objective("edge"), "storage": warpopt.Objective("storage")}
 GIVEN = ("view", "gradient", "middle")

@@ -130,7 +130,7 @@ def test_pixels_are_searched_as_their_cells():
         cells, pixels = (r.footprint(CAMERA, turned, EDGE) for r in (sketch, view.receivers))
         assert cells.start <= pixels.start + 1e-9
         assert cells.start + cells.mu >= pixels.start + pixels.mu - 1e-9
-        # With the same eta the looser map begins earlier and has another apex: widths are nearly, not strictly, ordered.
+        # With the same eta the looser map begins earlier, with another apex: widths are nearly ordered, not strictly.
         for eta, least, most in ((1.0, 1 - 1e-9, 1.1), (0.3, 0.95, 1.1)):
             loose, tight = (sum(map(float, made.half_widths(eta))) for made in (cells, pixels))
             assert tight * least <= loose <= tight * most
