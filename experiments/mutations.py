@@ -203,7 +203,7 @@ MUTATIONS = (
     Mutation("theory/direction.py", "unit) ** -2", "unit) ** -1", "best_direction", "gradient_and"),
     Mutation("theory/ground.py", "/ safe_steepness", "", "directions", "level"),
     Mutation("receivers/footprint.py", "jnp.where(least > 0, least, jnp.where(most < 0, most, 0))", "least",
-             "directions", "linear_program"),
+             "directions", "many_axes"),
     Mutation("receivers/footprint.py", "return self.m1 + (x - self.m0", "return (x - self.m0", "directions", "shear"),
     Mutation("receivers/free_fit.py", "chord = jnp.where(there, upper - lower, 0)",
              "chord = jnp.where(there, upper - least, 0)", "directions", "linear_program or storage_has"),
