@@ -62,6 +62,27 @@ gc.freeze()
 gc.set_threshold(200_000, 50, 1000)
 
 
+def memory_maps(path: str) -> int:
+    """The number of lines, or the number that is written, in a file of Linux's /proc; 0 elsewhere."""
+    try:
+        text = Path(path).read_text()
+    except OSError:
+        return 0
+    return int(text) if text.strip().isdigit() else text.count("\n")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _room_for_programs():
+    """Forget what is compiled where half of the process's memory maps are taken.
+
+    A program holds a handful of them; all of the tests' together, more than Linux allows by default, at which XLA's
+    compiler crashes.
+    """
+    yield
+    if memory_maps("/proc/self/maps") > memory_maps("/proc/sys/vm/max_map_count") / 2 > 0:
+        jax.clear_caches()
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_unconfigure():
     """Look for garbage once: pytest does five times at its end, through all that JAX compiled."""
