@@ -53,7 +53,7 @@ MUTATIONS = (
              "aliasing"),
     Mutation("theory/aliasing.py", "0.5 + x / (2 * half_width * blend)", "0.5 + x / (half_width * blend)", "aliasing"),
     Mutation("theory/warp.py", "warp.mu * warp.eta + shift * warp.one_minus_eta",
-             "self.mu * self.eta - shift * self.one_minus_eta", "warp"),
+             "warp.mu * warp.eta - shift * warp.one_minus_eta", "warp"),
     Mutation("theory/warp.py", "<= 16 * eps * jnp.abs(start) + 4 * eps * mu", "<= 0 * mu", "warp"),
     Mutation("theory/warp.py", "return -jnp.log(self.eta) / jnp.log1p", "return jnp.log(self.eta) / jnp.log1p",
              "rules engine_rules warp"),
