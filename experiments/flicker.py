@@ -114,7 +114,7 @@ def main(arguments: list[str] | None = None) -> int:
     asked.directory.mkdir(parents=True, exist_ok=True)
     kinds, motions = (("corridor",), ("walk",)) if asked.short else (KINDS, MOTIONS)
     kinds, motions = asked.scenes or kinds, asked.motions or motions
-    count, size = (3, (64, 40)) if asked.short else (asked.count, (WIDTH, HEIGHT))
+    count, size = (3, (96, 60)) if asked.short else (asked.count, (WIDTH, HEIGHT))
     kept = asked.directory / "flicker.json"
     records = json.loads(kept.read_text()) if kept.exists() else {}
     for kind in kinds:

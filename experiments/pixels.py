@@ -78,7 +78,7 @@ def footprint_deviation(drawn: Drawn, fitting: Fitting, name: str) -> float:
     return float(np.abs(area / (e_p * e_q * factor) - 1).max())
 
 
-def record(drawn: Drawn, number: int, short: bool) -> dict:
+def record(drawn: Drawn, number: int) -> dict:
     """Everything that is measured on one frame."""
     frame, lit = drawn.frame, drawn.lit
     fitting, reading = Fitting(lit, frame, (SIZE, SIZE)), Reading()
@@ -115,7 +115,7 @@ def record(drawn: Drawn, number: int, short: bool) -> dict:
         told["objective"][name] = np.asarray(norms).tolist()
     told["footprint"] = max(footprint_deviation(drawn, fitting, name) for name in ("none", "lispsm", "edge"))
     told["fine"] = measured(frame, ShadowMap(lit, made["p-inf"].matrix, (32768, 32768)), reading, _FRESH).wrong
-    if number % 6 == 0 or short:
+    if number % 6 == 0:
         told["readings"] = {
             words: {
                 name: [getattr(measured(frame, fitting.map_of(made[name]), how, _FRESH), key)
@@ -146,7 +146,7 @@ def main(arguments: list[str] | None = None) -> int:
             continue
         start, mine = time.perf_counter(), []
         for drawn in draw(name, 1 if asked.short else asked.count, width, height):
-            mine.append(record(drawn, len(mine), asked.short))
+            mine.append(record(drawn, len(mine)))
             if asked.short and len(mine) == 2:
                 break
         records[name] = mine

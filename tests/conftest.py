@@ -62,6 +62,27 @@ gc.freeze()
 gc.set_threshold(200_000, 50, 1000)
 
 
+def memory_maps(path: str) -> int:
+    """The number of lines, or the number that is written, in a file of Linux's /proc; 0 elsewhere."""
+    try:
+        text = Path(path).read_text()
+    except OSError:
+        return 0
+    return int(text) if text.strip().isdigit() else text.count("\n")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _room_for_programs():
+    """Forget what is compiled where two thirds of the process's memory maps are taken.
+
+    A program holds some seven of them; all of the tests' in one process, 75,000, and XLA's compiler crashes at Linux's
+    default of 65,530. One file takes 15,000 at most. With two workers nothing is forgotten, which costs seconds.
+    """
+    yield
+    if 3 * memory_maps("/proc/self/maps") > 2 * memory_maps("/proc/sys/vm/max_map_count") > 0:
+        jax.clear_caches()
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_unconfigure():
     """Look for garbage once: pytest does five times at its end, through all that JAX compiled."""

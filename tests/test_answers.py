@@ -1,6 +1,7 @@
 """What methods of a user's own receivers return: nonsense is refused in words by every verb, or is an outcome."""
 
 import dataclasses
+import functools
 from typing import Any
 
 import equinox as eqx
@@ -21,6 +22,12 @@ WARP = warpopt.Warp.from_eta(0.5, warpopt.theory.Extent(1.0, 90.0))
 L2 = Objective("p", "l2")
 
 
+@functools.partial(jax.jit, static_argnames="objective")
+def box_footprint(camera, frame, objective):
+    """Compiled, as methods of a user's own kind need not be."""
+    return BOX.footprint(camera, frame, objective)
+
+
 class Mine(Receivers):
     """A box, and what its methods make of the box's answers."""
 
@@ -29,7 +36,7 @@ class Mine(Receivers):
     profile_made: Any = eqx.field(static=True, default=lambda profile: profile)
 
     def footprint(self, camera, frame, objective):
-        return self.footprint_made(BOX.footprint(camera, frame, objective))
+        return self.footprint_made(box_footprint(camera, frame, objective))
 
     def depth_extent(self, camera):
         return self.extent_made(BOX.depth_extent(camera))
@@ -150,10 +157,14 @@ def test_traced_values_of_nonsense_are_an_outcome(name):
     """Killed: a callback that ends the program, an optimum over nonsense that looks like one."""
     made, _ = VALUES[name]
     view = SceneView(CAMERA, LIGHT, Mine(made))
-    solve = jax.jit(lambda light: warpopt.optimal_warp(SceneView(CAMERA, light, view.receivers), throw=False))
-    assert warpopt.Outcome(int(solve(LIGHT).result)) is warpopt.Outcome.not_finite
-    several = jax.vmap(solve)(jax.tree.map(lambda v: jnp.stack([v, v]), LIGHT))
+
+    def solve(light):
+        return warpopt.optimal_warp(SceneView(CAMERA, light, view.receivers), throw=False)
+
+    several = jax.jit(jax.vmap(solve))(jax.tree.map(lambda v: np.stack([v, v]), LIGHT))
     assert several.result.tolist() == [warpopt.Outcome.not_finite] * 2
+    if name == "NaN start":  # batched or not, one program is made of the same checks
+        assert warpopt.Outcome(int(jax.jit(solve)(LIGHT).result)) is warpopt.Outcome.not_finite
 
 
 EXTENTS = {

@@ -78,8 +78,8 @@ def expected(tmp_path_factory) -> list[bytes]:
     return tables(folder / "out")
 
 
-def test_eight_devices_give_the_same_bits_as_one(folder, expected):
-    run(folder, XLA_FLAGS="--xla_force_host_platform_device_count=8")
+def test_several_devices_give_the_same_bits_as_one(folder, expected):
+    run(folder, XLA_FLAGS="--xla_force_host_platform_device_count=3")  # each compiles for itself
     assert tables(folder / "out") == expected
 
 

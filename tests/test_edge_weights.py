@@ -172,7 +172,7 @@ def rendered(camera, light, clip_space=None, eta=1.0):
     light = np.array(light) / np.linalg.norm(light)
     depth, lit = seen_of(camera, light)
     receivers = DepthBuffer(depth)
-    view = SceneView(camera, DirectionalLight(light), receivers)
+    view = SceneView(camera, DirectionalLight(light), receivers).reduced()  # one pass over them for all clip spaces
     corners = np.array(list(itertools.product(*BOX.T)))
     clip_space = clip_space or ClipSpace()
     matrix = shadow_matrix(view, Warp.from_eta(eta, view.footprint()), clip_space, casters=corners)
@@ -224,7 +224,7 @@ def test_a_lit_plane_has_no_acne():
             light = np.array(light) / np.linalg.norm(light)
             depth, _ = seen_of(jax.tree.map(lambda v: v.astype(float), camera), light)
             receivers = DepthBuffer(depth.astype(dtype))
-            view = SceneView(camera, DirectionalLight(light.astype(dtype)), receivers)
+            view = SceneView(camera, DirectionalLight(light.astype(dtype)), receivers).reduced()
             matrix = shadow_matrix(view, Warp.from_eta(dtype(1), view.footprint()), casters=[[60, dtype(2), 30]])
             stored = map_of(np.asarray(matrix, float), ClipSpace()).astype(dtype)
             edges = edge_weights(RenderedMap(stored, matrix), receivers, camera)

@@ -232,7 +232,9 @@ def test_pixels_are_measured_and_written_into_pages(tmp_path, main, script, monk
         assert frame["footprint"] < 1e-3  # the bar; it holds to rounding
         assert frame["fine"] < frame["error"]["none"]["wrong"] + 1 / frame["judged"]
         assert len(frame["scan"]) == len(frame["objective"]["edge"])
-        assert frame["readings"]["nearest, no bias"]["none"][0] > 0.1  # acne
+    acne = [frame["readings"]["nearest, no bias"]["none"][0] for frame in frames if "readings" in frame]
+    assert len(acne) == 2  # the first frame of each model
+    assert min(acne) > 0.1
     text = page.read_text()
     assert text.startswith("before\n")
     assert text.endswith("after\n")

@@ -27,14 +27,14 @@ def scene():
 
 @pytest.fixture(scope="module")
 def frame(scene):
-    return see(scene, camera_at((3, 4, 9), (0, 0.5, 0), aspect=80 / 60), 60, 80)
+    return see(scene, camera_at((3, 4, 9), (0, 0.5, 0), aspect=96 / 60), 60, 96)
 
 
 def test_each_name_fits_what_the_library_computes(scene, frame):
     fitting = Fitting(scene, frame, (64, 64))
     camera = fitting.view("depth").camera
     view = warpopt.SceneView(
-        camera, warpopt.DirectionalLight(LIGHT), DepthBuffer(frame.depth), screen=(80, 60), shadow_map=(64, 64)
+        camera, warpopt.DirectionalLight(LIGHT), DepthBuffer(frame.depth), screen=(96, 60), shadow_map=(64, 64)
     )
     assert fitting.fitted("none").eta == 1
     assert fitting.fitted("p-inf").eta == pytest.approx(float(warpopt.optimal_warp(view).warp.eta), rel=1e-12)
@@ -45,7 +45,7 @@ def test_each_name_fits_what_the_library_computes(scene, frame):
     weights = edges_in_map(scene, frame, unwarped)
     assert 0 < weights.share < 0.5
     weighted = warpopt.SceneView(
-        camera, warpopt.DirectionalLight(LIGHT), DepthBuffer(frame.depth, weights=weights), screen=(80, 60),
+        camera, warpopt.DirectionalLight(LIGHT), DepthBuffer(frame.depth, weights=weights), screen=(96, 60),
         shadow_map=(64, 64),
     )  # fmt: skip
     best = warpopt.optimal_warp(weighted, warpopt.Objective("edge"))
@@ -86,7 +86,7 @@ def test_footprints_are_e_times_the_projection_factor(scene, frame, eta):
     fitting = Fitting(scene, frame, (64, 64))
     view, made = fitting.view("depth"), fitting.fitted("none", eta)
     light_frame, footprint = view.frame(), view.footprint()
-    across, up = frame.camera.slopes(60, 80)
+    across, up = frame.camera.slopes(60, 96)
     rows, columns = np.nonzero(frame.judged)
     z = frame.depth[frame.judged]
     point = np.stack([across[columns] * z, up[rows] * z, z], 1)
@@ -214,12 +214,12 @@ def test_a_sphere_holds_the_frustum(scene, frame):
 def test_a_held_fit_changes_every_few_frames(scene, frame):
     held, fresh = method_of("held-p-inf", 64), method_of("p-inf", 64)
     first = held(0, scene, frame)
-    other = see(scene, camera_at((2.9, 4, 9), (0, 0.5, 0)), 60, 80)
+    other = see(scene, camera_at((2.9, 4, 9), (0, 0.5, 0)), 60, 96)
     assert np.array_equal(held(1, scene, other), first)
     assert not np.array_equal(held(HELD, scene, other), first)
     assert not np.array_equal(fresh(1, scene, other), fresh(0, scene, frame))
     moved = LitScene(tables(9), LIGHT + np.array([0.01, 0, 0]))
-    assert not np.array_equal(held(HELD + 1, moved, see(moved, frame.camera, 60, 80)), first)
+    assert not np.array_equal(held(HELD + 1, moved, see(moved, frame.camera, 60, 96)), first)
 
 
 def test_measured_is_a_mean_over_shifts(scene, frame):

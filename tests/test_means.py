@@ -103,14 +103,14 @@ def sets():
 def test_the_optimum_is_brute_force_s(objective):
     """300 sets each. The grid's least value is above the optimum by its spacing; the value must be exact at eta."""
     points, weights, lights = sets()
-    solve = jax.vmap(lambda p, w, light: optimal_warp(view_of(p, w, light), objective, throw=False))
-    found = solve(jnp.asarray(points), jnp.asarray(weights), jnp.asarray(lights))
-    for i, value in enumerate(np.asarray(found.value)):
+    solve = jax.jit(jax.vmap(lambda p, w, light: optimal_warp(view_of(p, w, light), objective, throw=False)))
+    found = jax.tree.map(np.asarray, solve(points, weights, lights))
+    for i, value in enumerate(found.value):
         args = points[i, :24], weights[i, :24], lights[i], objective  # the others repeat the first
         np.testing.assert_allclose(value, brute(*args, float(found.warp.eta[i]))[0], rtol=1e-12)
         assert value <= brute(*args, ETAS).min() * (1 + 1e-9)
         assert 0 <= found.gap[i] <= 1e-6
-    assert not np.asarray(found.excess).any()
+    assert not found.excess.any()
 
 
 def test_an_edges_offset_is_the_mean_distance_over_a_texel():
@@ -126,28 +126,38 @@ def test_an_edges_offset_is_the_mean_distance_over_a_texel():
 
 @pytest.mark.parametrize("lengths", [(0, 0, 0), (1, 0, 0), (0, 0, 1), (0, 3, 1), (1, 1e-9, 1e-9), (1e-200, 1, 1)])
 def test_an_edges_offset_has_finite_gradients_at_every_edge(lengths):
-    gradient = jax.grad(lambda v: edge_offset(*v))(jnp.array(lengths, float))
+    gradient = jax.jit(jax.grad(lambda v: edge_offset(*v)))(np.array(lengths, float))
     assert np.isfinite(gradient).all()
     assert (gradient >= -1e-300).all()  # it falls in none of the lengths
 
 
+@functools.partial(jax.jit, static_argnums=1)
 def norm_of(view, objective):
     return log_norm_of(view.footprint(objective), view.frame(), objective)
+
+
+@jax.jit
+def touches(norm, etas):
+    return jax.vmap(norm.touch)(etas)
+
+
+@jax.jit
+def values(norm, logs):
+    return jax.vmap(lambda u: value_at(norm, u))(logs)
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES, ids=NAMES)
 def test_a_parabola_lies_below_the_mean(objective):
     """J(e) >= J(m) + J'(m) (e - m) - C(m) (e - m)^2 for all pairs of 40 eta: what the certificate rests on."""
     points, weights, lights = (v[3] for v in sets())
-    norm = norm_of(view_of(points, weights, lights), objective)
-    eta = jnp.geomspace(1e-3, 1, 40)
-    value, slope, bend, _ = jax.vmap(norm.touch)(eta)
+    eta = np.geomspace(1e-3, 1, 40)
+    value, slope, bend, _ = map(np.asarray, touches(norm_of(view_of(points, weights, lights), objective), eta))
     step = eta - eta[:, None]
     below = value[:, None] + slope[:, None] * step - bend[:, None] * step**2
     assert (below <= value * (1 + 1e-12)).all()
     np.testing.assert_allclose(np.diagonal(below), value, rtol=1e-15)
     # Touching from below is not trivial: between neighbours the parabola is within a few percent.
-    assert (np.diagonal(below, 1) > 0.9 * np.asarray(value)[1:]).any()
+    assert (np.diagonal(below, 1) > 0.9 * value[1:]).any()
 
 
 @pytest.mark.parametrize("objective", [o for o in OBJECTIVES if o.order == 1], ids=lambda o: o.title)
@@ -157,9 +167,8 @@ def test_a_parabola_lies_below_where_the_mean_bends_down(objective):
     x = np.concatenate([np.zeros(40), [-5.0, 5.0], np.zeros(22)])
     points = np.stack([x, np.full(64, 2.0), -z], 1)
     view = view_of(points, (z == 1.0).astype(float), (0, -1, 0), screen=SCREEN, shadow_map=(1, 100_000))
-    norm = norm_of(view, objective)
-    eta = jnp.linspace(0.1, 1, 40)
-    value, slope, bend, _ = jax.vmap(norm.touch)(eta)
+    eta = np.linspace(0.1, 1, 40)
+    value, slope, bend, _ = map(np.asarray, touches(norm_of(view, objective), eta))
     step = eta - eta[:, None]
     below = value[:, None] + slope[:, None] * step - bend[:, None] * step**2
     assert (below <= value * (1 + 1e-12)).all()
@@ -192,11 +201,10 @@ def test_pixels_need_not_be_square():
         points, weights, light = (v[i] for v in sets())
         for objective in OBJECTIVES[:2]:
             norm = norm_of(view_of(points, weights, light, screen=screen, shadow_map=MAP), objective)
-            for eta in (0.01, 0.3):
-                value = value_at(norm, jnp.log(eta))
-                np.testing.assert_allclose(
-                    value, brute(points, weights, light, objective, eta, screen=screen)[0], rtol=1e-12
-                )
+            etas = np.array([0.01, 0.3])
+            np.testing.assert_allclose(
+                values(norm, np.log(etas)), brute(points, weights, light, objective, etas, screen=screen), rtol=1e-12
+            )
 
 
 def two_minima():
@@ -386,15 +394,23 @@ def test_a_centroid_is_its_cells_receivers_within_the_excess(objective):
         few, many = norm(1), norm(2500)
         assert few.samples.corners is None
         assert (np.asarray(many.samples.weight) > 0).sum() == 2
-        search = least(many.touch, floor)
-        eta = search.eta
+        eta, two, centroid, loss, most, excess = map(float, of_two_and_centroid(few, many, floor))
         assert 1e-3 < eta < 0.1
-        two, centroid = few.touch(eta).value, many.touch(eta).value
         assert (two < centroid) == (spread > 0 and objective.name == "edge")
         assert abs(two / centroid - 1) > 2e-6
-        assert centroid - covariance_loss(many, eta, eta) <= two <= corner_mean(many, eta) * (1 + 1e-9)
-        excess = excess_of_cells(many, many, search, jnp.log(eta), floor)
-        assert abs(jnp.log(two / centroid)) / objective.order <= jnp.log1p(excess) + 1e-6
+        assert centroid - loss <= two <= most * (1 + 1e-9)
+        assert abs(np.log(two / centroid)) / objective.order <= np.log1p(excess) + 1e-6
+
+
+@jax.jit
+def of_two_and_centroid(few, many, floor):
+    """(the centroid's best eta, J of the two there, of the centroid, its loss, its corners' mean, its excess)."""
+    search = least(many.touch, floor)
+    eta = search.eta
+    return (
+        eta, few.touch(eta).value, many.touch(eta).value, covariance_loss(many, eta, eta), corner_mean(many, eta),
+        excess_of_cells(many, many, search, jnp.log(eta), floor),
+    )  # fmt: skip
 
 
 def test_what_is_weighed_zero_must_still_fit():
@@ -507,15 +523,16 @@ def test_gradients_are_those_of_differences():
         receivers = PointReceivers(points, jnp.asarray(weights) + v[1] * (jnp.arange(64) == 3))
         view = SceneView(camera, DirectionalLight(light), receivers, screen=SCREEN, shadow_map=MAP)
         solution = optimal_warp(view, objective, throw=False)
-        return jnp.stack([solution.warp.eta, solution.value])
+        found = jnp.stack([solution.warp.eta, solution.value])
+        return found, found
 
-    solved = jax.jit(solved)
-    at = jnp.array([0.05, 0.2])
-    jacobian = jax.jacfwd(solved)(at)
+    forwards = jax.jit(jax.jacfwd(solved, has_aux=True))
+    at = np.array([0.05, 0.2])
+    jacobian, _ = forwards(at)
     for k, step in enumerate(np.eye(2) * 1e-5):
-        slope = (solved(at + step) - solved(at - step)) / 2e-5
+        slope = (forwards(at + step)[1] - forwards(at - step)[1]) / 2e-5
         np.testing.assert_allclose(jacobian[:, k], slope, rtol=2e-5, atol=2e-7)
-    np.testing.assert_allclose(jax.jacrev(solved)(at), jacobian, rtol=1e-9)
+    np.testing.assert_allclose(jax.jit(jax.jacrev(solved, has_aux=True))(at)[0], jacobian, rtol=1e-9)
 
 
 def test_gradients_reach_the_pixels():
@@ -526,8 +543,9 @@ def test_gradients_reach_the_pixels():
         buffer = DepthBuffer(depth * scale, weights=jnp.asarray(lit, float))
         return optimal_warp(SceneView(CAMERA, light, buffer), Objective("edge"), throw=False).value
 
-    slope = (value(1 + 1e-6) - value(1 - 1e-6)) / 2e-6
-    np.testing.assert_allclose(jax.grad(value)(1.0), slope, rtol=1e-3, atol=1e-6)
+    solved = jax.jit(jax.value_and_grad(value))
+    slope = (solved(1 + 1e-6)[0] - solved(1 - 1e-6)[0]) / 2e-6
+    np.testing.assert_allclose(solved(1.0)[1], slope, rtol=1e-3, atol=1e-6)
 
 
 def test_frames_compile_nothing_anew():

@@ -383,11 +383,11 @@ def test_gradients_are_those_of_the_whole_solve_and_finite_everywhere():
         return jnp.stack([solution.warp.eta, solution.value])
 
     inputs = {
-        "position": jnp.array([1.0, 2, 3]), "forward": jnp.array([0.1, -0.2, -1.0]), "far": jnp.array(80.0),
+        "position": jnp.array([1.0, 2, 3]), "forward": jnp.array([0.1, -0.2, -1.0]), "far": np.array(80.0),
         "light": jnp.array([0.4, -1.0, -0.3]), "lower": jnp.array([-9.0, -1.0, -60.0]), "points": points,
     }  # fmt: skip
     rng = np.random.default_rng(7)
-    direction = jax.tree.map(lambda v: jnp.asarray(rng.normal(size=v.shape)), inputs)
+    direction = jax.tree.map(lambda v: jnp.asarray(rng.normal(size=v.shape), v.dtype), inputs)  # no weak types
     for kind, metric, norm in (("box", "p", "l2"), ("points", "pxq", "inf")):
 
         def solve(v, m=metric, n=norm, k=kind):

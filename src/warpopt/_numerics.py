@@ -1,5 +1,6 @@
 """Small numerical tools that JAX lacks."""
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -7,6 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+compiled = functools.partial(jax.jit, inline=True)
+"""Of a function of arrays that is also called uncompiled: one compilation for each new shape, not one per operation.
+
+Where it is traced, its operations become the caller's, as if it were not compiled.
+"""
 
 
 def power(base: Float[Array, "..."], exponent: float) -> Float[Array, "..."]:

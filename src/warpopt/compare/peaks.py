@@ -25,7 +25,7 @@ def peaks(theta: NDArray, values: NDArray, at: Callable[[NDArray], NDArray]) -> 
     Args:
         theta: (T,) increasing.
         values: (M, T) at theta; NaN where a row is undefined.
-        at: gives `values` at other directions, always T of them.
+        at: gives `values` at other directions, always the same number.
 
     Returns:
         M pairs; NaN twice for a row that is defined nowhere.

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+_TOGETHER = 64
 _HALVINGS = 40  # a step of a degree is then below the rounding of theta in double precision
 
 Interval = tuple[float, float]
@@ -21,7 +22,7 @@ def regions(
     Args:
         theta: (T,) increasing.
         holds: (M, T): each condition at theta.
-        at: gives `holds` at other directions, always T of them.
+        at: gives `holds` at other directions, always the same number.
     """
     which, left = np.nonzero(holds[:, 1:] != holds[:, :-1])
     low, high = theta[left], theta[left + 1]
@@ -34,9 +35,13 @@ def regions(
     return [_intervals(theta, row, ends[which == m]) for m, row in enumerate(holds)]
 
 
-def at_points(at: Callable[[NDArray], NDArray], rows: NDArray, points: NDArray, count: int) -> NDArray:
-    """Row r of `at` at p, for each pair (r, p), in calls of `count` points, a shape that is already compiled."""
-    found = []
+def at_points(at: Callable[[NDArray], NDArray], rows: NDArray, points: NDArray, given: int) -> NDArray:
+    """Row r of `at` at p, for each pair (r, p).
+
+    In calls of as many points as directions were given, a shape that is already compiled; where those are few, of
+    more: a call takes milliseconds whatever its size.
+    """
+    found, count = [], max(given, _TOGETHER)
     for start in range(0, len(points), count):
         part = slice(start, start + count)
         padded = np.pad(points[part], (0, count - len(points[part])), mode="edge")

@@ -117,6 +117,7 @@ def refuse_answers(
     """
     if not to_be_checked(receivers) or is_traced(receivers, camera, frame, made, extent):
         return
+    made = jax.tree.map(np.asarray, made)  # in NumPy nothing is compiled for a comparison
     if not all(np.all(valid) for _, _, valid, _ in _values(made)):
         asked = receivers.footprint(camera, frame, objective)  # its own checks now have words
         for each in (_of_arrays(receivers, asked, objective, frame.z_axis.dtype), made):
@@ -204,7 +205,7 @@ def _values(made: Footprint) -> Iterator[tuple[str, Array, Array, str]]:
     finite = "a finite number"
     for name in ("start", "axis"):
         value = getattr(made, name)
-        yield name, value, jnp.isfinite(value), finite
+        yield name, value, (value > -jnp.inf) & (value < jnp.inf), finite
     z = made.nearest.z
     yield "nearest.z", z, z > 0, "eye depths > 0, inf for no receiver"
     for name, depth in (("nearest", made.nearest.depth), ("sides", made.sides.depth), ("sides", made.sides.farthest)):
@@ -215,7 +216,7 @@ def _values(made: Footprint) -> Iterator[tuple[str, Array, Array, str]]:
         yield f"sides.{name}", value, (value >= 0) & (value < jnp.inf), "finite numbers >= 0"
     for name in ("light_least", "light_largest"):
         value = getattr(made.sides, name)
-        yield f"sides.{name}", value, ~jnp.isnan(value), "numbers"
+        yield f"sides.{name}", value, value == value, "numbers"
     if made.samples is not None:
         for field, value in zip(made.samples.depth._fields, made.samples.depth, strict=True):
             yield f"samples {field}", value, (value >= -_SLACK) & (value <= 1 + _SLACK), "numbers in [0, 1]"

@@ -15,7 +15,7 @@ from ..theory.light_frame import LightFrame
 from ..theory.light_space import LightDepth
 from ..theory.warp import Warp
 from ..views import SceneView
-from .outcome import Outcome, failed
+from .outcome import Outcome, failed, failed_on_host
 
 
 class Solution(eqx.Module):
@@ -159,11 +159,12 @@ def raised(solution: Solution | SceneSolution) -> Solution | SceneSolution:
     Raises:
         RuntimeError: some failed (`equinox.EquinoxRuntimeError` when traced; use what is returned).
     """
-    bad = failed(solution.result)
+    traced = is_traced(solution.result)
+    bad = failed(solution.result) if traced else failed_on_host(solution.result)
     words = "optimal_warp failed; pass throw=False to get the solution's result, an array of warpopt.Outcome"
-    if is_traced(bad):
+    if traced:
         return eqx.error_if(solution, bad, words)
     if bool(bad.any()):
-        first = Outcome(int(solution.result[bad].ravel()[0]))
+        first = Outcome(int(np.asarray(solution.result)[bad].flat[0]))
         raise RuntimeError(f"{int(bad.sum())} of {bad.size} problems failed, the first: {first.sentence} ({words})")
     return solution

@@ -1,10 +1,12 @@
 """lambda(theta) as a small table with a promised accuracy."""
 
+import functools
 import math
 from pathlib import Path
 from typing import Literal, get_args
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -187,4 +189,11 @@ class LambdaTable(eqx.Module):
                     f"a number in [{low:.6g}, {high:.6g}]",
                 )  # fmt: skip
         by_name = dict(zip(names, others, strict=True))
-        return lookup(theta, by_name.get("depth_ratio"), by_name.get("half_fov"), self.rows, xp)
+        read = _compiled_lookup if xp is jnp else functools.partial(lookup, xp=np)
+        return read(theta, by_name.get("depth_ratio"), by_name.get("half_fov"), self.rows)
+
+
+# Compiled as a whole: op by op, each of its fifty operations is a compilation for each new shape.
+@jax.jit
+def _compiled_lookup(theta: Array, depth_ratio: Array | None, half_fov: Array | None, rows: Rows) -> Array:
+    return lookup(theta, depth_ratio, half_fov, rows, jnp)

@@ -14,7 +14,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from .._checks import Numbers, checked, float_arrays, joint_shape
-from .._numerics import horner
+from .._numerics import compiled, horner
 from .._words import shown
 from .view_frustum import ViewFrustum
 
@@ -92,28 +92,12 @@ class LightSpace(eqx.Module):
     def __init__(self, frustum: ViewFrustum, theta: Float[Array, "..."]):
         refuse_no_frustum(frustum)
         (theta,) = float_arrays(theta=theta)
-        # notation: n, f, phi, s, c, T, a as in AT09 and the derivation
+        # notation: n, f, phi as in AT09 and the derivation
         n, f, phi = frustum.near, frustum.far, frustum.half_fov
-        sin, cos = jnp.sin(theta), jnp.cos(theta)
-        s = jnp.where(sin < 0, -sin, sin)  # float32(pi) lies beyond pi
-        mirrored = cos < 0
-        c = jnp.where(mirrored, -cos, cos)
-        tan_phi = jnp.tan(phi)
-        T = tan_phi * c
-        # a = s - T cancels near theta = phi; sin(theta - phi)/cos(phi) does not. Beyond pi/2 the angle is pi - theta,
-        # and rounding of pi would lose digits: the remainder of pi and the rounding of the sum are added back.
-        pi, rest, rest_of_rest = _pi_in_parts(s.dtype)
-        difference = (jnp.asarray(pi) - theta) - phi
-        angle = jnp.where(mirrored, difference + rest, theta - phi)
-        rounding = jnp.where(mirrored, _rounding_of_sum(difference, rest) + rest_of_rest, 0)
-        a = jnp.where((T < s / 2) | (T > 2 * s), s - T, _sine_near_zero(angle, rounding) / jnp.cos(phi))
-        above = (a > 0) | (mirrored & (a == 0))
-        self.near, self.far, self.tan_phi = n, f, tan_phi
-        self.depth_range = (f - n) / n
-        self.sin_theta, self.mirrored, self.slope = s, mirrored, T
-        self.a_plus = jnp.where(above, a, 0)
-        self.a_minus = jnp.where(above, 0, -a)
-        self.b = s + T
+        self.near, self.far = n, f
+        self.tan_phi, self.depth_range, self.sin_theta, self.mirrored, self.slope, self.a_plus, self.a_minus, self.b = (
+            _fields(n, f, phi, theta)
+        )
 
     @property
     def log_ratio(self) -> Float[Array, "..."]:
@@ -136,16 +120,11 @@ class LightSpace(eqx.Module):
 
     def edge(self, u: ArrayLike) -> tuple[LightDepth, LightDepth]:
         """Depths (near end, far end) of the segment of V at height fraction u; delta is linear between them."""
-        x, T = self.depth_range, self.slope
-        mu = self.mu_over_near
-        near = LightDepth((x * self.a_minus + 2 * T * u) / mu, (x * self.b + 2 * T * (1 - u)) / mu)
-        far_span = 2 * (1 + x) * T
-        far = LightDepth((x * self.a_plus + far_span * u) / mu, far_span * (1 - u) / mu)
-        return near, far
+        return _edge(self, u)
 
     def depth_uz(self, u: Float[Array, "..."], z: Float[Array, "..."]) -> LightDepth:
         """Depth of the points at height fraction u in [0, 1] and eye depth z."""
-        return self._depth(z, z * u * self.slope * 2, z * (1 - u) * self.slope * 2)
+        return _depth(self, z, z * u * self.slope * 2, z * (1 - u) * self.slope * 2)
 
     def depth_yz(self, y: Float[Array | np.ndarray, "..."], z: Float[Array | np.ndarray, "..."]) -> LightDepth:
         """Depth of the points at eye coordinates (y, z).
@@ -156,12 +135,42 @@ class LightSpace(eqx.Module):
         y, z = jnp.asarray(y), jnp.asarray(z)
         half = z * self.slope
         offset = y * jnp.where(self.mirrored, -1, 1) * (self.slope / self.tan_phi)
-        return self._depth(z, half - offset, half + offset)
+        return _depth(self, z, half - offset, half + offset)
 
-    def _depth(self, z: Array, above: Array, below: Array) -> LightDepth:
-        mu = self.mu
-        delta = ((z - self.near) * self.a_plus + (self.far - z) * self.a_minus + above) / mu
-        return LightDepth(delta, ((self.far - z) * self.b + below) / mu)
+
+@compiled
+def _fields(n: Array, f: Array, phi: Array, theta: Array) -> tuple[Array, ...]:
+    # notation: n, f, phi, s, c, T, a as in AT09 and the derivation
+    sin, cos = jnp.sin(theta), jnp.cos(theta)
+    s = jnp.where(sin < 0, -sin, sin)  # float32(pi) lies beyond pi
+    mirrored = cos < 0
+    c = jnp.where(mirrored, -cos, cos)
+    tan_phi = jnp.tan(phi)
+    T = tan_phi * c
+    # a = s - T cancels near theta = phi; sin(theta - phi)/cos(phi) does not. Beyond pi/2 the angle is pi - theta,
+    # and rounding of pi would lose digits: the remainder of pi and the rounding of the sum are added back.
+    pi, rest, rest_of_rest = _pi_in_parts(s.dtype)
+    difference = (jnp.asarray(pi) - theta) - phi
+    angle = jnp.where(mirrored, difference + rest, theta - phi)
+    rounding = jnp.where(mirrored, _rounding_of_sum(difference, rest) + rest_of_rest, 0)
+    a = jnp.where((T < s / 2) | (T > 2 * s), s - T, _sine_near_zero(angle, rounding) / jnp.cos(phi))
+    above = (a > 0) | (mirrored & (a == 0))
+    return tan_phi, (f - n) / n, s, mirrored, T, jnp.where(above, a, 0), jnp.where(above, 0, -a), s + T
+
+
+@compiled
+def _edge(space: LightSpace, u: ArrayLike) -> tuple[LightDepth, LightDepth]:
+    x, T, mu = space.depth_range, space.slope, space.mu_over_near
+    near = LightDepth((x * space.a_minus + 2 * T * u) / mu, (x * space.b + 2 * T * (1 - u)) / mu)
+    far_span = 2 * (1 + x) * T
+    return near, LightDepth((x * space.a_plus + far_span * u) / mu, far_span * (1 - u) / mu)
+
+
+@compiled
+def _depth(space: LightSpace, z: Array, above: Array, below: Array) -> LightDepth:
+    mu = space.mu
+    delta = ((z - space.near) * space.a_plus + (space.far - z) * space.a_minus + above) / mu
+    return LightDepth(delta, ((space.far - z) * space.b + below) / mu)
 
 
 def _sine_near_zero(x: Array, rounding: Array) -> Array:

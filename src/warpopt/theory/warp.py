@@ -9,6 +9,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from .._checks import Numbers, checked, float_arrays, instance, is_traced
+from .._numerics import compiled
 from .._words import shown
 from .view_frustum import ViewFrustum
 
@@ -78,7 +79,7 @@ class Warp(eqx.Module):
         """
         eta, start, mu = _with_extent("eta", eta, body)
         eta = checked("eta", eta, lambda v: (v > 0) & (v <= 1), "a number in (0, 1]")
-        return cls(eta, 1 - eta, start, mu, jnp.ones(eta.shape, bool))
+        return _of_eta(eta, start, mu)
 
     @classmethod
     def from_lam(cls, lam: Numbers, body: Body) -> "Warp":
@@ -103,10 +104,10 @@ class Warp(eqx.Module):
         if not is_traced(defined) and np.asarray(defined).dtype != bool:
             raise ValueError(f"defined: got {shown(defined)}, expected true or false")
         ratio, start, mu = float_arrays(ratio=ratio, start=body.start, mu=body.mu)
-        ratio = jnp.where(defined, ratio, 0)
-        if not is_traced(ratio):
-            ratio = checked("ratio", ratio, lambda v: (v >= 0) & (v < jnp.inf), "a finite number >= 0")
-        return cls(1 / (1 + ratio), ratio / (1 + ratio), start, mu, jnp.broadcast_to(defined, ratio.shape))
+        if not is_traced(ratio, defined):
+            own = np.where(defined, ratio, 0)
+            checked("ratio", own, lambda v: (v >= 0) & (v < np.inf), "a finite number >= 0")
+        return _of_ratio(ratio, start, mu, defined)
 
     @property
     def no_warp(self) -> Bool[Array, "..."]:
@@ -141,28 +142,44 @@ class Warp(eqx.Module):
             15.0
         """
         _refuse_no_extent(body)
-        start, mu = jnp.asarray(body.start, self.eta.dtype), jnp.asarray(body.mu, self.eta.dtype)
-        # Starts that are equal up to rounding are treated as equal: their difference would be all rounding where mu is
-        # much smaller.
-        eps = jnp.finfo(self.eta.dtype).eps
-        shift = start - self.start
-        same = jnp.abs(shift) <= 16 * eps * jnp.abs(start) + 4 * eps * mu
-        same = same & (jnp.abs(mu - self.mu) <= 16 * eps * mu)
-        # eta' : 1 - eta' = lambda' : mu', both times (1 - eta).
-        lam = self.mu * self.eta + shift * self.one_minus_eta
-        span = mu * self.one_minus_eta
-        before = same | (lam > 0) | self.no_warp
-        kept = same | self.no_warp
-        safe = jnp.where(before & ~kept, lam + span, 1)
-        eta, rest = (
-            jnp.where(kept, own, jnp.where(before, part / safe, jnp.nan))
-            for own, part in ((self.eta, lam), (self.one_minus_eta, span))
-        )
-        return Warp(eta, rest, start, mu, self.defined & before)
+        dtype = self.eta.dtype
+        return _over(self, jnp.asarray(body.start, dtype), jnp.asarray(body.mu, dtype))
 
     def lost_over(self, own: "Warp") -> Bool[Array, "..."]:
         """Where this warp has an eta but `own`, the same warp over another body, has none (apex not before it)."""
         return jnp.isnan(own.eta) & ~jnp.isnan(self.eta)
+
+
+@compiled
+def _of_eta(eta: Array, start: Array, mu: Array) -> Warp:
+    return Warp(eta, 1 - eta, start, mu, jnp.ones(eta.shape, bool))
+
+
+@compiled
+def _of_ratio(ratio: Array, start: Array, mu: Array, defined: ArrayLike) -> Warp:
+    ratio = jnp.where(defined, ratio, 0)
+    return Warp(1 / (1 + ratio), ratio / (1 + ratio), start, mu, jnp.broadcast_to(defined, ratio.shape))
+
+
+@compiled
+def _over(warp: Warp, start: Array, mu: Array) -> Warp:
+    # Starts that are equal up to rounding are treated as equal: their difference would be all rounding where mu is
+    # much smaller.
+    eps = jnp.finfo(warp.eta.dtype).eps
+    shift = start - warp.start
+    same = jnp.abs(shift) <= 16 * eps * jnp.abs(start) + 4 * eps * mu
+    same = same & (jnp.abs(mu - warp.mu) <= 16 * eps * mu)
+    # eta' : 1 - eta' = lambda' : mu', both times (1 - eta).
+    lam = warp.mu * warp.eta + shift * warp.one_minus_eta
+    span = mu * warp.one_minus_eta
+    before = same | (lam > 0) | warp.no_warp
+    kept = same | warp.no_warp
+    safe = jnp.where(before & ~kept, lam + span, 1)
+    eta, rest = (
+        jnp.where(kept, own, jnp.where(before, part / safe, jnp.nan))
+        for own, part in ((warp.eta, lam), (warp.one_minus_eta, span))
+    )
+    return Warp(eta, rest, start, mu, warp.defined & before)
 
 
 def refuse_lost(lost: Bool[Array, "..."]) -> None:
@@ -171,7 +188,7 @@ def refuse_lost(lost: Bool[Array, "..."]) -> None:
     Raises:
         ValueError: the apex is not before the receivers.
     """
-    if not is_traced(lost) and bool(lost.any()):
+    if not is_traced(lost) and np.asarray(lost).any():
         raise ValueError(
             "warp: got an apex that is not before these receivers (lambda would not be positive), expected a warp made "
             "for a body that starts no later"
