@@ -31,7 +31,7 @@ from pixels_scenes import CLASSES, draw, read_scene
 import warpopt
 from warpopt.app.common.light_plane import Drawn, light_plane_figure
 from warpopt.frames import LitScene, see
-from warpopt.receivers import DepthBuffer
+from warpopt.receivers import DepthBuffer, PointReceivers
 from warpopt.scene_files.scene_camera import SceneCamera
 from warpopt.theory.camera import camera_of
 
@@ -72,10 +72,16 @@ def seen_in(name: str) -> Iterator[Seen]:
 
 
 def view_of(frame: Seen, direction="best") -> warpopt.SceneView:
-    """One frame's pixels as receivers, weighted by their depth."""
+    """One frame's pixels as points, weighted by their depth; background is behind the camera."""
+    camera = camera_of(frame.camera)
+    seen = np.isfinite(frame.depth)
+    across, up = frame.camera.slopes(*frame.depth.shape)
+    z = np.where(seen, frame.depth, -1.0)
+    eye = np.stack([np.where(seen, z * across, 0), np.where(seen, z * up[:, None], 0), z], -1).reshape(-1, 3)
+    points = PointReceivers(eye @ np.asarray(camera.rotation) + np.asarray(camera.position), weights="depth")
     return warpopt.SceneView(
-        camera_of(frame.camera), warpopt.DirectionalLight(frame.light), DepthBuffer(frame.depth, weights="depth"),
-        screen=(WIDTH, HEIGHT), shadow_map=(MAP, MAP), warp_direction=direction,
+        camera, warpopt.DirectionalLight(frame.light), points, screen=(WIDTH, HEIGHT), shadow_map=(MAP, MAP),
+        warp_direction=direction,
     )  # fmt: skip
 
 

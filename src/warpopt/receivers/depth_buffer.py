@@ -17,11 +17,12 @@ from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
 from .bins import BINS, Groups, bin_of, extent_of, from_groups, with_moments
 from .footprint import Footprint
+from .points import PointReceivers
 from .profiles.binned import BinnedProfile, PointSet
 from .receivers import Receivers
 from .samples import Normal
 from .sketch import sketch_of_pixels
-from .weighted.cells import with_samples
+from .weighted.cells import EXACT, with_samples
 from .weighted.weights import Weighting, Weights
 
 Encoding = Literal["linear", "standard", "reversed"]
@@ -107,7 +108,12 @@ class DepthBuffer(Receivers):
         return points.reshape(-1, 3), seen.ravel().astype(points.dtype)
 
     def sketch(self, camera: Camera, objective: Objective) -> Receivers:
-        """See `Receivers`: tiles of pixels, each in two parts by depth."""
+        """See `Receivers`: the pixels as points if they are few, else tiles of them, each in two parts by depth."""
+        if self.depth.size <= EXACT:
+            points, seen = (v.reshape(self.depth.size, -1) for v in eye_points(self, camera))
+            points = jnp.where(seen, points, jnp.array([0.0, 0.0, -1.0], points.dtype))  # what is not seen is behind
+            world = points @ camera.rotation + camera.position
+            return assembled(PointReceivers, points=world, weights=jax.tree.map(jnp.ravel, self.weights))
         seen, z = self._decoded(self.depth, camera)
         weights = None if self.weights.uniform or objective.supremum else self.weights.of(z, seen)[0]
         return sketch_of_pixels(camera, *_slopes(self.depth, camera), z, seen, weights, objective)

@@ -98,7 +98,7 @@ class PointReceivers(Receivers):
 
     def sketch(self, camera: Camera, objective: Objective) -> Receivers:
         """See `Receivers`: themselves if they are few."""
-        if len(self.points) <= (BINS if objective.kernel is None else EXACT):
+        if len(self.points) <= EXACT:
             return self
         points, seen = self._seen(camera)
         return sketch_of_points(camera, points, seen, self._weights(points[:, 2], seen)[0], objective)

@@ -4,6 +4,7 @@ import math
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..objective import Objective
@@ -19,8 +20,9 @@ from .scene_norm import log_norm_of, product_norm
 
 _EVEN = 32  # directions, the view's among them; the norm has 2 to 5 local minima over them
 _TOGETHER = 12  # directions in one batch
-_REFINED = 3  # of the best are refined
-_ROUNDS = 3  # of refinement, each of which divides the spacing by 3: from 11 degrees to 0.4
+# Rounds of refinement: how many of the best, and where around each, as a share of the spacing. From 11 degrees to 0.1.
+_FEW = np.array([-2, -1, 1, 2]) / 3
+_ROUNDS = (6, np.array([-1, 1]) / 2), (3, _FEW / 2), (3, _FEW / 6), (1, np.delete(np.arange(-6, 7), 6) / 108)
 _TOLERANCE = 1e-3  # of a norm in the search; the warp that is returned has its own certificate
 _MOST_ASPECT = 8.0
 _ALTERNATIONS = 3  # of eta and aspect
@@ -32,9 +34,9 @@ def best_turn(
 ) -> tuple[Float[Array, ""], Float[Array, ""], Int[Array, ""]]:
     """(cosine and sine of the turn from a frame's Z_w towards its X_w with the least norm, how many were tried).
 
-    32 even turns and the gradient's; then, around each of the three best, turns at a third and two thirds of the
-    spacing on both sides, three times. Of the search nothing is differentiated: at the best turn the norm's derivative
-    is that of a fixed direction (the envelope theorem).
+    32 even turns and the gradient's; then, ever closer, around the six best, twice the three best, and the best one. Of
+    the search nothing is differentiated: at the best turn the norm's derivative is that of a fixed direction (the
+    envelope theorem).
     """
     view, ahead, min_eta = jax.lax.stop_gradient((view, ahead, min_eta))
     receivers = view.receivers.sketch(view.camera, objective)
@@ -58,27 +60,28 @@ def best_turn(
         toward = jnp.zeros((), dtype)
     given = -(-(_EVEN + 1) // _TOGETHER)
     first = jnp.concatenate([first, jnp.full(given * _TOGETHER - _EVEN, toward)]).reshape(given, _TOGETHER)
-    pattern = jnp.array([-2, -1, 1, 2], dtype) / 3
+    ranks = np.array([np.repeat(np.arange(best), _TOGETHER // best) for best, _ in _ROUNDS])
+    offsets = spacing * np.array([np.tile(around, best) for best, around in _ROUNDS])
 
     def tried(state: tuple[Array, Array], step: Array) -> tuple[tuple[Array, Array], None]:
         turns, values = state
         # The best ones that are not next to a better one.
-        apart = jnp.abs(jnp.remainder(turns[:, None] - turns + math.pi, 2 * math.pi) - math.pi) < 0.99 * spacing
+        apart = jnp.abs(jnp.remainder(turns[:, None] - turns + math.pi, 2 * math.pi) - math.pi) < spacing / 2
         earlier = jnp.arange(len(values))
         better = (values < values[:, None]) | ((values == values[:, None]) & (earlier < earlier[:, None]))
         alone = jnp.where((apart & better).any(1), jnp.inf, values)
-        _, best = jax.lax.top_k(-alone, _REFINED)
-        reach = spacing * 3.0 ** -jnp.maximum(step - given, 0).astype(dtype)
-        refined = (turns[best][:, None] + reach * pattern).ravel()
+        _, best = jax.lax.top_k(-alone, ranks.max() + 1)
+        now = jnp.maximum(step - given, 0)
+        refined = turns[best][jnp.asarray(ranks)[now]] + jnp.asarray(offsets, dtype)[now]
         new = jnp.where(step < given, first[jnp.minimum(step, given - 1)], refined)
         at = step * _TOGETHER
         turns = jax.lax.dynamic_update_slice(turns, new, (at,))
         values = jax.lax.dynamic_update_slice(values, jax.vmap(norm_of)(new), (at,))
         return (turns, values), None
 
-    count = (given + _ROUNDS) * _TOGETHER
+    count = (given + len(_ROUNDS)) * _TOGETHER
     nothing = jnp.zeros(count, dtype), jnp.full(count, jnp.inf, dtype)
-    (turns, values), _ = jax.lax.scan(tried, nothing, jnp.arange(given + _ROUNDS))
+    (turns, values), _ = jax.lax.scan(tried, nothing, jnp.arange(given + len(_ROUNDS)))
     turn = turns[jnp.argmin(values)]
     return jnp.cos(turn), jnp.sin(turn), jnp.asarray(count, jnp.int32)
 
