@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, PyTree
 
 from .._checks import is_traced
+from .._parallel import wide
 
 # A solve keeps about a hundred numbers per problem: a million problems at once exceed every cache, but XLA's CPU
 # backend runs loops over much less than 100,000 elements on one core. Measured on two cores, ns per E_p L2 solve: 243
@@ -56,11 +57,14 @@ def in_chunks(function: Callable[..., PyTree], args: PyTree, *static: Any) -> Py
 
 
 def in_blocks(compiled: Callable[..., PyTree], args: PyTree, *static: Any) -> PyTree:
-    """compiled(*args, *static) like `in_chunks`, for concrete arrays of any size; one call if traced, or small."""
+    """compiled(*args, *static) like `in_chunks`, for concrete arrays of any size; one call if traced, or small.
+
+    On other devices than a CPU one call whatever the size: nothing passes through the host.
+    """
     leaves, structure = jax.tree.flatten(args)
     shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
     size = math.prod(shape)
-    if size <= _BLOCK or is_traced(leaves):
+    if size <= _BLOCK or wide() or is_traced(leaves):
         return compiled(*args, *static)
     flat = [leaf if leaf.size == 1 else np.broadcast_to(leaf, shape).reshape(-1) for leaf in map(np.asarray, leaves)]
     results: list[np.ndarray] = []

@@ -1,17 +1,23 @@
 """The global minimum of a function of eta that curves bound from below, and the bound that proves it."""
 
+import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Float, PyTree
 
+from ..._parallel import wide
 from .sample_norm import Touch
 
 NODES = 16  # even in log(eta): E_p and E_q change by a factor of at most 1.9 between two for min_eta = 1e-4
 _TOGETHER = 4  # nodes added in one step
 _STEPS = 80
+# On devices of many threads: nodes to begin with; intervals divided in a round, each into so many; rounds, of which one
+# is enough for a search as coarse as this.
+_AT_ONCE, _DIVIDED, _PARTS, _ROUNDS, _COARSE = 128, 16, 16, 2, 1e-4
 TOLERANCE = 1e-6
 
 
@@ -54,6 +60,8 @@ def least(
     dtype = floor.dtype
     tolerance = max(tolerance, 32 * float(jnp.finfo(dtype).eps))
     touches = jax.vmap(touch)
+    if wide():
+        return _least_by_rounds(touches, floor, jnp.asarray(ceiling, dtype), tolerance)
     begin = -(-count // _TOGETHER)  # the first steps, whose nodes are given
     count = begin * _TOGETHER
     room, high = count + _TOGETHER * _STEPS, jnp.asarray(ceiling, dtype)
@@ -63,21 +71,8 @@ def least(
 
     def bounds(nodes: Array, found: Touch) -> tuple[Array, Array]:
         """(each interval's lower bound, where it is attained); inf beyond the last node."""
-        inside = jnp.isfinite(nodes[1:])
         left, right = (jax.tree.map(lambda v, at=at: v[at], found) for at in (slice(None, -1), slice(1, None)))
-        start, width = nodes[:-1], jnp.where(inside, nodes[1:] - jnp.where(inside, nodes[:-1], 0), 1)
-        # 1/e is largest at the start, and a concave parabola lies above its chord.
-        nearness = 1 / jnp.where(start > 0, start, 1)
-        falling = left.slope - (left.bend + left.pole * nearness) * width
-        rising = right.slope + (right.bend + right.pole * nearness) * width
-        meeting = (right.value - rising * width - left.value) / jnp.where(falling < rising, falling - rising, -1)
-        meeting = jnp.clip(jnp.where(falling < rising, meeting, 0), 0, width)
-
-        def at(t: Array) -> Array:
-            return jnp.maximum(left.value + falling * t, right.value + rising * (t - width))
-
-        lower = jnp.minimum(at(meeting), jnp.minimum(at(jnp.zeros_like(width)), at(width)))
-        return jnp.where(inside, lower, jnp.inf), start + jnp.clip(meeting, 0.1 * width, 0.9 * width)
+        return _bounds(nodes[:-1], nodes[1:], left, right)
 
     def best(nodes: Array, found: Touch) -> Array:
         return jnp.where(jnp.isfinite(nodes), found.value, jnp.inf).min()
@@ -106,6 +101,80 @@ def least(
     below = jnp.where(i > 0, nodes[i - 1], 0)
     above = nodes[jnp.minimum(i + 1, room - 1)]
     return Minimum(nodes[i], values[i], found.slope[i], below, above, nodes[:-1], nodes[1:], bounds(nodes, found)[0])
+
+
+def _bounds(start: Array, end: Array, left: Touch, right: Touch) -> tuple[Array, Array]:
+    """(each interval's lower bound, where it is attained) from the curves that touch at its ends; inf where it ends
+    nowhere."""
+    inside = jnp.isfinite(end)
+    width = jnp.where(inside, end - jnp.where(inside, start, 0), 1)
+    # 1/e is largest at the start, and a concave parabola lies above its chord.
+    nearness = 1 / jnp.where(start > 0, start, 1)
+    falling = left.slope - (left.bend + left.pole * nearness) * width
+    rising = right.slope + (right.bend + right.pole * nearness) * width
+    meeting = (right.value - rising * width - left.value) / jnp.where(falling < rising, falling - rising, -1)
+    meeting = jnp.clip(jnp.where(falling < rising, meeting, 0), 0, width)
+
+    def at(t: Array) -> Array:
+        return jnp.maximum(left.value + falling * t, right.value + rising * (t - width))
+
+    lower = jnp.minimum(at(meeting), jnp.minimum(at(jnp.zeros_like(width)), at(width)))
+    return jnp.where(inside, lower, jnp.inf), start + jnp.clip(meeting, 0.1 * width, 0.9 * width)
+
+
+class _Intervals(NamedTuple):
+    """Intervals between nodes, with the curves that touch at their ends."""
+
+    start: Array
+    end: Array
+    left: Touch
+    right: Touch
+
+
+def _least_by_rounds(touches: Callable[[Array], Touch], floor: Array, ceiling: Array, tolerance: float) -> Minimum:
+    """As `least`, by a fixed number of rounds: many even nodes, then the intervals of the lowest bounds are divided."""
+    rounds = _ROUNDS if tolerance < _COARSE else 1
+    nodes = even_nodes(floor, ceiling, _AT_ONCE)
+    found = touches(nodes)
+    seen = [(nodes, found)]
+    left, right = (jax.tree.map(lambda v, at=at: v[at], found) for at in (slice(None, -1), slice(1, None)))
+    all_of = _Intervals(nodes[:-1], nodes[1:], left, right)
+    lower = _bounds(*all_of)[0]
+    share = np.arange(1, _PARTS) / _PARTS
+    for _ in range(rounds):
+        order = jnp.arange(len(lower))
+        before = (lower < lower[:, None]) | ((lower == lower[:, None]) & (order < order[:, None]))
+        rank = before.sum(1)
+        worst = jnp.argmax(rank == jnp.arange(_DIVIDED)[:, None], 1)
+        chosen: _Intervals = jax.tree.map(lambda v, worst=worst: v[worst], all_of)
+        inner = chosen.start[:, None] + (chosen.end - chosen.start)[:, None] * jnp.asarray(share, floor.dtype)
+        found = touches(inner.ravel())
+        seen.append((inner.ravel(), found))
+        between = jax.tree.map(lambda v: v.reshape(_DIVIDED, -1), (inner, found))
+
+        def beside(ends: PyTree, inner: PyTree, first: bool) -> PyTree:
+            def joined(end: Array, rest: Array) -> Array:
+                return jnp.concatenate([end[:, None], rest] if first else [rest, end[:, None]], 1).ravel()
+
+            return jax.tree.map(joined, ends, inner)
+
+        starts, lefts = beside((chosen.start, chosen.left), between, True)
+        stops, rights = beside((chosen.end, chosen.right), between, False)
+        parts = _Intervals(starts, stops, lefts, rights)
+        lower = jnp.concatenate([jnp.where(rank < _DIVIDED, jnp.inf, lower), _bounds(*parts)[0]])
+        all_of = jax.tree.map(lambda *v: jnp.concatenate(v), all_of, parts)
+    nodes, found = jax.tree.map(lambda *v: jnp.concatenate(v), *seen)
+    i = jnp.argmin(jnp.where(jnp.isnan(found.value), jnp.inf, found.value))
+    eta, live = nodes[i], jnp.isfinite(lower)
+    start, end = all_of.start, all_of.end
+    below = jnp.where(live & (end == eta) & (start < eta), start, 0).max()
+    above = jnp.where(live & (start == eta) & (end > eta), end, jnp.inf).min()
+    return Minimum(eta, found.value[i], found.slope[i], below, above, start, end, lower)
+
+
+def longest_interval(dtype: Any) -> float:
+    """At most this is log(above / below) of a `Minimum`, where the search is by rounds."""
+    return -2 * math.log(float(jnp.finfo(dtype).tiny)) / (_AT_ONCE - 1)
 
 
 def even_nodes(floor: Float[Array, ""], ceiling: Float[Array, ""], count: int) -> Float[Array, " count"]:
