@@ -8,7 +8,6 @@ W's axis (a receiver's z is part of its weight). Hence a cell's mean of size^P i
 and at most what is interpolated between the corners of a cell, of which there are four to one of the centroids'.
 """
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -117,7 +116,7 @@ def excess_of_cells(
     # loss is enough where the search's bound is high. In the rest, around the optimum, the best case is searched.
     nodes = even_nodes(floor, jnp.ones_like(floor), NODES)
     losses = mapped(lambda ends: covariance_loss(norm, *ends), (nodes[:-1], nodes[1:]))
-    which = jnp.clip(jnp.searchsorted(nodes, search.starts, side="right") - 1, 0, NODES - 2)
+    which = jnp.clip(jnp.searchsorted(nodes, search.starts, side="right", method="compare_all") - 1, 0, NODES - 2)
     rough = search.bounds - losses[which]
     rough = jnp.where(rough > 0, rough, 0) * _narrowing(norm, best_case, floor) ** norm.order
     around = jnp.isfinite(search.bounds) & (rough < search.value)

@@ -15,9 +15,9 @@ from .sample_norm import Touch
 NODES = 16  # even in log(eta): E_p and E_q change by a factor of at most 1.9 between two for min_eta = 1e-4
 _TOGETHER = 4  # nodes added in one step
 _STEPS = 80
-# On devices of many threads: nodes to begin with; intervals divided in a round, each into so many; rounds, of which one
-# is enough for a search as coarse as this.
-_AT_ONCE, _DIVIDED, _PARTS, _ROUNDS, _COARSE = 128, 16, 16, 2, 1e-4
+# On devices of many threads: nodes to begin with, of which a tolerance as coarse as this needs half and no more; then
+# intervals that are divided, and into how many parts.
+_AT_ONCE, _COARSE, _DIVIDED, _PARTS = 256, 5e-6, 16, 32
 TOLERANCE = 1e-6
 
 
@@ -132,41 +132,40 @@ class _Intervals(NamedTuple):
 
 
 def _least_by_rounds(touches: Callable[[Array], Touch], floor: Array, ceiling: Array, tolerance: float) -> Minimum:
-    """As `least`, by a fixed number of rounds: many even nodes, then the intervals of the lowest bounds are divided."""
-    rounds = _ROUNDS if tolerance < _COARSE else 1
-    nodes = even_nodes(floor, ceiling, _AT_ONCE)
+    """As `least`: many even nodes at once; then the intervals with the lowest bounds are divided, also at once."""
+    nodes = even_nodes(floor, ceiling, _AT_ONCE if tolerance < _COARSE else _AT_ONCE // 2)
     found = touches(nodes)
-    seen = [(nodes, found)]
     left, right = (jax.tree.map(lambda v, at=at: v[at], found) for at in (slice(None, -1), slice(1, None)))
-    all_of = _Intervals(nodes[:-1], nodes[1:], left, right)
-    lower = _bounds(*all_of)[0]
-    share = np.arange(1, _PARTS) / _PARTS
-    for _ in range(rounds):
+    between = _Intervals(nodes[:-1], nodes[1:], left, right)
+    lower = _bounds(*between)[0]
+    if tolerance < _COARSE:
         order = jnp.arange(len(lower))
         before = (lower < lower[:, None]) | ((lower == lower[:, None]) & (order < order[:, None]))
         rank = before.sum(1)
         worst = jnp.argmax(rank == jnp.arange(_DIVIDED)[:, None], 1)
-        chosen: _Intervals = jax.tree.map(lambda v, worst=worst: v[worst], all_of)
-        inner = chosen.start[:, None] + (chosen.end - chosen.start)[:, None] * jnp.asarray(share, floor.dtype)
-        found = touches(inner.ravel())
-        seen.append((inner.ravel(), found))
-        between = jax.tree.map(lambda v: v.reshape(_DIVIDED, -1), (inner, found))
+        chosen: _Intervals = jax.tree.map(lambda v: v[worst], between)
+        share = jnp.asarray(np.arange(1, _PARTS) / _PARTS, floor.dtype)
+        inner = chosen.start[:, None] + (chosen.end - chosen.start)[:, None] * share
+        within = touches(inner.ravel())
 
-        def beside(ends: PyTree, inner: PyTree, first: bool) -> PyTree:
-            def joined(end: Array, rest: Array) -> Array:
-                return jnp.concatenate([end[:, None], rest] if first else [rest, end[:, None]], 1).ravel()
+        def parts(first: PyTree, rest: PyTree, last: PyTree, at: slice) -> PyTree:
+            def joined(first: Array, rest: Array, last: Array) -> Array:
+                row = jnp.concatenate([first[:, None], rest.reshape(_DIVIDED, -1), last[:, None]], 1)
+                return row[:, at].ravel()
 
-            return jax.tree.map(joined, ends, inner)
+            return jax.tree.map(joined, first, rest, last)
 
-        starts, lefts = beside((chosen.start, chosen.left), between, True)
-        stops, rights = beside((chosen.end, chosen.right), between, False)
-        parts = _Intervals(starts, stops, lefts, rights)
-        lower = jnp.concatenate([jnp.where(rank < _DIVIDED, jnp.inf, lower), _bounds(*parts)[0]])
-        all_of = jax.tree.map(lambda *v: jnp.concatenate(v), all_of, parts)
-    nodes, found = jax.tree.map(lambda *v: jnp.concatenate(v), *seen)
+        ends = (chosen.start, chosen.left), (inner, within), (chosen.end, chosen.right)
+        (starts, lefts), (stops, rights) = (parts(*ends, at) for at in (slice(None, -1), slice(1, None)))
+        divided = _Intervals(starts, stops, lefts, rights)
+        lower = jnp.concatenate([jnp.where(rank < _DIVIDED, jnp.inf, lower), _bounds(*divided)[0]])
+        between, nodes, found = (
+            jax.tree.map(lambda *v: jnp.concatenate(v), one, other)
+            for one, other in ((between, divided), (nodes, inner.ravel()), (found, within))
+        )
     i = jnp.argmin(jnp.where(jnp.isnan(found.value), jnp.inf, found.value))
     eta, live = nodes[i], jnp.isfinite(lower)
-    start, end = all_of.start, all_of.end
+    start, end = between.start, between.end
     below = jnp.where(live & (end == eta) & (start < eta), start, 0).max()
     above = jnp.where(live & (start == eta) & (end > eta), end, jnp.inf).min()
     return Minimum(eta, found.value[i], found.slope[i], below, above, start, end, lower)
