@@ -14,8 +14,8 @@ from jaxtyping import Array, Bool, Float, PyTree
 from .._parallel import wide
 
 # Steps that a device of many threads takes in one kernel, before a loop that moves all lanes to memory and back at each
-# step; almost all lanes need no more.
-_AT_ONCE, _PER_KERNEL = 8, 2
+# step. Most lanes need no more, and with more of them a kernel of many coefficients runs out of registers.
+_AT_ONCE = 4
 
 
 class _State(eqx.Module):
@@ -91,10 +91,8 @@ def increasing_root(
             return fn(u, args), None
 
         state = solver.init(with_aux, start, args, options, None, None, frozenset())
-        for i in range(_AT_ONCE):
+        for _ in range(_AT_ONCE):
             start, state, _ = solver.step(with_aux, start, args, options, state, frozenset())
-            if i % _PER_KERNEL == _PER_KERNEL - 1:
-                start, state = jax.lax.optimization_barrier((start, state))
         options = {"state": state}
     solution = optx.root_find(
         fn,

@@ -16,7 +16,7 @@ from .._parallel import wide
 # backend runs loops over much less than 100,000 elements on one core. Measured on two cores, ns per E_p L2 solve: 243
 # for chunks of 32,768, 147 for 131,072, 220 for a million. A GPU gets them all at once, within its memory.
 _CHUNK = 131_072
-_CHUNK_ELSEWHERE = 2_097_152
+_CHUNK_ELSEWHERE = 4_194_304
 # Where a solve keeps almost nothing beside its inputs and outputs, pieces would only be copied in and out.
 _CHUNK_OF_FEW_NUMBERS = 67_108_864
 # Above this many problems, repeated calls of one compiled program with this fixed shape: memory stays bounded, and a

@@ -17,7 +17,7 @@ _TOGETHER = 4  # nodes added in one step
 _STEPS = 80
 # On devices of many threads: nodes to begin with, of which a tolerance as coarse as this needs half and no more; then
 # intervals that are divided, and into how many parts.
-_AT_ONCE, _COARSE, _DIVIDED, _PARTS = 256, 5e-6, 16, 32
+_AT_ONCE, _COARSE, _DIVIDED, _PARTS = 128, 5e-6, 8, 32
 TOLERANCE = 1e-6
 
 
