@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-_ACCUMULATORS = 32_768  # for extremes of groups: copies of few groups up to this number in all
+_ACCUMULATORS = 65_536  # for extremes of groups: copies of few groups up to this number in all
 
 
 def wide() -> bool:
