@@ -133,7 +133,8 @@ def batches(count: int, objectives: list, calls: int, rate: float) -> list[dict]
         took = queued(compiled, view, calls=calls)
         rows.append(
             {
-                "objective": objective.title, "ms": took * 1e3, "device busy, ms": kernels(compiled, view)[1], "ns a solve": took / count * 1e9,
+                "objective": objective.title, "ms": took * 1e3, "device busy, ms": kernels(compiled, view)[1],
+                "ns a solve": took / count * 1e9,
                 "of the memory bound": took * rate / moved, "at most": BATCH_BARS[objective.norm],
                 "plain call / compiled": queued(plain, view, calls=calls) / took,
                 "peak / (in + out)": 1 + memory.temp_size_in_bytes / moved,

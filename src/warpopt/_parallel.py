@@ -38,7 +38,7 @@ def sweep(
 
 def sweep_points(
     step: Callable[[Any, Any], tuple[Any, Any]],
-    start: Callable[[int], PyTree],
+    start: Callable[[tuple[int, ...]], PyTree],
     points_of: Callable[[PyTree], PyTree],
     rows: PyTree,
 ) -> PyTree:
@@ -46,14 +46,14 @@ def sweep_points(
 
     Args:
         step: takes what was found and `points_of` a row.
-        start: gives what is found in no rows, for a number of points in a row.
+        start: gives what is found in no rows, for rows of a shape.
         points_of: gives arrays of one number for each point.
     """
     shape = jax.tree.leaves(jax.eval_shape(points_of, jax.tree.map(lambda v: v[0], rows)))[0].shape
     if not wide():
-        return jax.lax.scan(lambda found, row: step(found, points_of(row)), start(*shape), rows)[0]
+        return jax.lax.scan(lambda found, row: step(found, points_of(row)), start(shape), rows)[0]
     points = jax.tree.map(jnp.ravel, jax.vmap(points_of)(rows))
-    return step(start(jax.tree.leaves(points)[0].size), points)[0]
+    return step(start(jax.tree.leaves(points)[0].shape), points)[0]
 
 
 def mapped(function: Callable[[Any], Any], values: PyTree) -> PyTree:

@@ -169,9 +169,9 @@ def _in_cells(
         sums = sums.at[cell].add(jnp.stack(moments, -1), mode="promise_in_bounds")
         return (sums, _raised_sides(widths, key - _LEAST_KEY, across), mass + weight), None
 
-    def nothing(size: int) -> tuple[Array, Array, Array]:
+    def nothing(shape: tuple[int, ...]) -> tuple[Array, Array, Array]:
         return (
-            jnp.zeros((depths * slopes * layers, 4), dtype), jnp.zeros((_SIDES, 2), dtype), jnp.zeros(size, dtype)
+            jnp.zeros((depths * slopes * layers, 4), dtype), jnp.zeros((_SIDES, 2), dtype), jnp.zeros(shape, dtype)
         )  # fmt: skip
 
     sums, widths, mass = sweep_points(add, nothing, receivers_of, rows)
