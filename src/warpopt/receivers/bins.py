@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -9,7 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from .._checks import assembled
 from .._numerics import larger, power
+from .._parallel import extremes, sweep
 from ..objective import Objective
 from ..theory.light_frame import LightFrame
 from ..theory.light_space import LightDepth
@@ -52,13 +55,26 @@ class Groups(eqx.Module):
     reached: tuple[Float[Array, "*G"], Float[Array, "*G"]] | None = None
 
 
+# Whether each bound of merged groups is the least (1) or the largest (-1).
+SIGNS: Any = assembled(
+    Groups, least_depth=1, largest_depth=-1, least_lateral=1, largest_lateral=-1, least_light=1, largest_light=-1, z=1,
+    reached=(1, -1),
+)  # fmt: skip
+
+
+def merged(there: Bool[Array, "..."], groups: Groups, which: Int[Array, "..."], count: int) -> Groups:
+    """Groups that contain all of the given groups that belong to each."""
+    signs = SIGNS if groups.reached is not None else eqx.tree_at(lambda g: g.reached, SIGNS, None)
+
+    def alone(values: Array, sign: int) -> Array:
+        return jnp.where(there, values, sign * jnp.inf).ravel()
+
+    return extremes(jax.tree.map(alone, groups, signs), signs, which.ravel(), count)
+
+
 def grouped(seen: Array, d: Array, x: Array, h: Array, z: Array, which: Array, count: int) -> Groups:
     """The groups' bounds, by group number."""
-
-    def least(values: Array) -> Array:
-        return jax.ops.segment_min(jnp.where(seen, values, jnp.inf), which, count)
-
-    return Groups(least(d), -least(-d), least(x), -least(-x), least(h), -least(-h), least(z))
+    return merged(seen, Groups(d, d, x, x, h, h, z), which, count)
 
 
 def ends(seen: Bool[Array, "..."], values: Float[Array, "..."]) -> tuple[Array, Array]:
@@ -162,7 +178,7 @@ def with_moments(
 
     first = jax.tree.map(lambda v: v[0], rows)
     shape = jax.eval_shape(lambda row: receivers_of(row)[2], first)
-    mass, *raw = jax.lax.scan(add, (jnp.zeros(shape.shape, shape.dtype),) * (M + 2), rows)[0]
+    mass, *raw = sweep(add, (jnp.zeros(shape.shape, shape.dtype),) * (M + 2), rows, (jnp.sum,) * (M + 2))[0]
     # A receiver at an end may have delta = -eps, so the sums are clamped. (Clamping each receiver costs more than the
     # rest of the sweep.)
     sums = [larger(value.sum(), 0) for value in raw]

@@ -9,13 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._checks import Numbers, assembled, checked, float_arrays
+from .._checks import Numbers, checked, float_arrays
 from .._numerics import larger
+from .._parallel import sweep, wide
 from .._words import one_of
 from ..objective import Objective
 from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
-from .bins import BINS, Groups, bin_of, extent_of, from_groups, with_moments
+from .bins import BINS, SIGNS, Groups, bin_of, extent_of, from_groups, merged, with_moments
 from .footprint import Footprint
 from .points import PointReceivers
 from .profiles.binned import BinnedProfile, PointSet
@@ -152,15 +153,22 @@ class DepthBuffer(Receivers):
 
         start, end, near, far = self._cells(rows, depths)
         bounds = functools.partial(self._bounds, start, end, (across, up), frame)
-        groups = bounds(near, far)
         # A cell across a silhouette would combine near and far depths into a receiver that does not exist.
-        mixed = jnp.isfinite(near) & (far > _MIXED * near)
-
-        def split(groups: Groups) -> Groups:
+        mixed = (jnp.isfinite(near) & (far > _MIXED * near)).any()
+        if wide():
             nearer, beyond = self._parts(rows, depths, near, far)
-            return _union(bounds(*nearer), bounds(*beyond))
+            parts = zip((near, far), (jnp.inf, -jnp.inf), nearer, beyond, strict=True)
+            halves = [
+                jnp.where(mixed, jnp.stack([a, b]), jnp.stack([v, jnp.full_like(v, no)])) for v, no, a, b in parts
+            ]
+            groups = bounds(*halves)
+        else:
 
-        groups = jax.lax.cond(mixed.any(), split, lambda groups: groups, groups)
+            def split(groups: Groups) -> Groups:
+                nearer, beyond = self._parts(rows, depths, near, far)
+                return _union(bounds(*nearer), bounds(*beyond))
+
+            groups = jax.lax.cond(mixed, split, lambda groups: groups, bounds(near, far))
         footprint = from_groups(groups, camera.near)
         if objective.supremum:
             return footprint
@@ -207,7 +215,7 @@ class DepthBuffer(Receivers):
             return (least, largest), (near.min(1), far.max(1))
 
         none = jnp.full(width, jnp.inf, self.depth.dtype)
-        (least, largest), (near, far) = jax.lax.scan(row_bounds, (none, -none), rows)
+        (least, largest), (near, far) = sweep(row_bounds, (none, -none), rows, (jnp.min, jnp.max))
         start, end = (jnp.where(jnp.isfinite(near).any(), v, 0) for v in (least.min(), largest.max()))
         return start, end, near, far
 
@@ -224,7 +232,7 @@ class DepthBuffer(Receivers):
             nearer = jnp.where(seen & before, z, -jnp.inf).max(1)
             return None, (nearer, jnp.where(seen & ~before, z, jnp.inf).min(1))
 
-        _, (nearer, beyond) = jax.lax.scan(row_parts, None, (rows, jax.lax.stop_gradient(middle)))
+        _, (nearer, beyond) = sweep(row_parts, None, (rows, jax.lax.stop_gradient(middle)), None)
         # `middle` may round to `near` or `far` where these are almost equal: both parts are non-empty.
         nearer = jnp.where(jnp.isfinite(nearer), nearer, near)
         return (near, jnp.where(there, nearer, -jnp.inf)), (beyond, jnp.where(jnp.isfinite(beyond), far, -jnp.inf))
@@ -261,25 +269,12 @@ class DepthBuffer(Receivers):
         d_least, d_largest = jnp.where(d_least > start, d_least, start), jnp.where(d_largest < end, d_largest, end)
         cells = Groups(d_least, d_largest, x_least, x_largest, h_least, h_largest, nearest, (x_low, x_high))
         share = (d_least - start) / jnp.where(end > start, end - start, 1)
-        which = bin_of(jnp.where(there, share, 0)).ravel()
-
-        def joined(values: Array, sign: int) -> Array:
-            values = jnp.where(there, values, sign * jnp.inf).ravel()
-            return (jax.ops.segment_min if sign > 0 else jax.ops.segment_max)(values, which, BINS)
-
-        return jax.tree.map(joined, cells, _SIGNS)
-
-
-# Whether each bound of merged groups is the least (1) or the largest (-1).
-_SIGNS: Any = assembled(
-    Groups, least_depth=1, largest_depth=-1, least_lateral=1, largest_lateral=-1, least_light=1, largest_light=-1, z=1,
-    reached=(1, -1),
-)  # fmt: skip
+        return merged(there, cells, bin_of(jnp.where(there, share, 0)), BINS)
 
 
 def _union(one: Groups, other: Groups) -> Groups:
     """Groups that contain both groups, index by index."""
-    return jax.tree.map(lambda a, b, sign: jnp.where(sign * a < sign * b, a, b), one, other, _SIGNS)
+    return jax.tree.map(lambda a, b, sign: jnp.where(sign * a < sign * b, a, b), one, other, SIGNS)
 
 
 def eye_points(buffer: DepthBuffer, camera: Camera) -> tuple[Float[Array, "H W 3"], Bool[Array, "H W"]]:

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._numerics import power
+from .._parallel import sweep
 from ..objective import Objective
 from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
@@ -151,7 +152,7 @@ def sketch_of_pixels(
         far = jnp.where(seen, z, -jnp.inf).max(0)
         return None, (by_tile(near, jnp.min), by_tile(far, jnp.max))
 
-    _, (near, far) = jax.lax.scan(ends, None, (z, seen))
+    _, (near, far) = sweep(ends, None, (z, seen), None)
     there = jnp.isfinite(near)
     middle = jnp.sqrt(jnp.where(there, near, 1)) * jnp.sqrt(jnp.where(there, far, 1))
     unit = jnp.where(there.any(), jnp.where(there, near, jnp.inf).min(), 1)
@@ -177,7 +178,7 @@ def sketch_of_pixels(
             found.append((*limits, *sums))
         return None, jax.tree.map(lambda *v: jnp.stack(v), *found)
 
-    _, (near, far, *sums) = jax.lax.scan(parts, None, (z, seen, middle, padded_up, padded_weights))
+    _, (near, far, *sums) = sweep(parts, None, (z, seen, middle, padded_up, padded_weights), None)
     slopes = jnp.pad(across, pad[1])
     made = None
     if averaged:

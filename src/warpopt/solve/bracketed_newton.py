@@ -11,6 +11,12 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, PyTree
 
+from .._parallel import wide
+
+# Steps that a device of many threads takes in one kernel, before a loop that moves all lanes to memory and back at each
+# step. Most lanes need no more, and with more of them a kernel of many coefficients runs out of registers.
+_AT_ONCE = 4
+
 
 class _State(eqx.Module):
     lower: Float[Array, "..."]
@@ -22,7 +28,8 @@ class _State(eqx.Module):
 class BracketedNewton(optx.AbstractRootFinder):
     """Newton's method for increasing functions, elementwise on arrays, guarded by bisection.
 
-    Every evaluation tightens the bracket given as `options=dict(lower=..., upper=...)`; a Newton step that would leave
+    Every evaluation tightens the bracket given as `options=dict(lower=..., upper=...)`, or as dict(state=...), of steps
+    before; a Newton step that would leave
     it, or is more than half as long as the step before, is replaced by bisection. A lane stops when a Newton step is
     below `rtol`: the next step would be below rtol^2, which is the accuracy reached. (optimistix's `Newton` has no
     guard and diverges on these objectives; `Bisection` uses no derivative.)
@@ -33,6 +40,8 @@ class BracketedNewton(optx.AbstractRootFinder):
     norm: ClassVar[Callable[[PyTree], Array]] = jnp.abs
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _State:
+        if "state" in options:
+            return options["state"]
         lower, upper = (jnp.broadcast_to(options[name], y.shape).astype(y.dtype) for name in ("lower", "upper"))
         return _State(lower, upper, upper - lower, jnp.zeros(y.shape, bool))
 
@@ -74,12 +83,23 @@ def increasing_root(
     """
     # Newton's error after a step of size h is about h^2 C, with C = (change of slope)/(2 slope) of order one here.
     rtol = 0.5 * float(jnp.finfo(lower.dtype).eps) ** 0.5
+    solver = BracketedNewton(rtol=rtol, atol=0.0)
+    start, options = jnp.clip(jnp.zeros_like(lower), lower, upper), {"lower": lower, "upper": upper}
+    if wide():
+
+        def with_aux(u: Array, args: PyTree) -> tuple[Array, None]:
+            return fn(u, args), None
+
+        state = solver.init(with_aux, start, args, options, None, None, frozenset())
+        for _ in range(_AT_ONCE):
+            start, state, _ = solver.step(with_aux, start, args, options, state, frozenset())
+        options = {"state": state}
     solution = optx.root_find(
         fn,
-        BracketedNewton(rtol=rtol, atol=0.0),
-        jnp.clip(jnp.zeros_like(lower), lower, upper),
+        solver,
+        start,
         args=args,
-        options={"lower": lower, "upper": upper},
+        options=options,
         max_steps=192,  # pure bisection needs 60; at worst every third step is a bisection
         throw=False,
     )

@@ -10,29 +10,34 @@ import numpy as np
 from jaxtyping import Array, PyTree
 
 from .._checks import is_traced
+from .._parallel import wide
 
 # A solve keeps about a hundred numbers per problem: a million problems at once exceed every cache, but XLA's CPU
 # backend runs loops over much less than 100,000 elements on one core. Measured on two cores, ns per E_p L2 solve: 243
 # for chunks of 32,768, 147 for 131,072, 220 for a million. A GPU gets them all at once, within its memory.
-_CHUNK = {"cpu": 131_072}
+_CHUNK = 131_072
 _CHUNK_ELSEWHERE = 4_194_304
+# Where a solve keeps almost nothing beside its inputs and outputs, pieces would only be copied in and out.
+_CHUNK_OF_FEW_NUMBERS = 67_108_864
 # Above this many problems, repeated calls of one compiled program with this fixed shape: memory stays bounded, and a
 # new size needs no new compilation.
 _BLOCK = 1_048_576
 
 
-def in_chunks(function: Callable[..., PyTree], args: PyTree, *static: Any) -> PyTree:
+def in_chunks(function: Callable[..., PyTree], args: PyTree, *static: Any, few_numbers: bool = False) -> PyTree:
     """function(*args, *static) for an elementwise function of arrays that broadcast, under `jax.jit`.
 
     Results have the arrays' joint shape.
 
     Arguments of one element stay single, so that values that depend only on them are computed once (a sweep of
-    directions under one frustum shares its depth integrals).
+    directions under one frustum shares its depth integrals). `few_numbers` says that the function keeps few at a time.
     """
     leaves, structure = jax.tree.flatten(args)
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in leaves))
     size = math.prod(shape)
-    chunk = _CHUNK.get(jax.default_backend(), _CHUNK_ELSEWHERE)
+    chunk = _CHUNK
+    if wide():
+        chunk = _CHUNK_OF_FEW_NUMBERS if few_numbers else _CHUNK_ELSEWHERE
     if size <= chunk:
         return jax.tree.map(lambda out: jnp.broadcast_to(out, shape), function(*args, *static))
     count = -(-size // chunk)
@@ -56,11 +61,14 @@ def in_chunks(function: Callable[..., PyTree], args: PyTree, *static: Any) -> Py
 
 
 def in_blocks(compiled: Callable[..., PyTree], args: PyTree, *static: Any) -> PyTree:
-    """compiled(*args, *static) like `in_chunks`, for concrete arrays of any size; one call if traced, or small."""
+    """compiled(*args, *static) like `in_chunks`, for concrete arrays of any size; one call if traced, or small.
+
+    On other devices than a CPU one call whatever the size: nothing passes through the host.
+    """
     leaves, structure = jax.tree.flatten(args)
     shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
     size = math.prod(shape)
-    if size <= _BLOCK or is_traced(leaves):
+    if size <= _BLOCK or wide() or is_traced(leaves):
         return compiled(*args, *static)
     flat = [leaf if leaf.size == 1 else np.broadcast_to(leaf, shape).reshape(-1) for leaf in map(np.asarray, leaves)]
     results: list[np.ndarray] = []

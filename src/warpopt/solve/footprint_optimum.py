@@ -10,6 +10,7 @@ once, so the root finder needs only the sign. The condition at the root (a stati
 kink of the width) is then settled in `pieces`.
 """
 
+import math
 from typing import NamedTuple
 
 import equinox as eqx
@@ -166,6 +167,7 @@ def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> Optimum:
     unbounded_below = all(term.alpha == 0 for term in fixed.terms)
     # Only E_p grows as eta falls, so that its optimum is limited only by the dtype.
     floor = min_eta.astype(dtype) if unbounded_below else jnp.asarray(eps**2, dtype)
+    longest = -math.log(float(jnp.finfo(dtype).tiny) if unbounded_below else eps**2)
     lower, upper = jnp.log(floor), jnp.asarray(-4 * eps**0.5, dtype)
 
     # Slopes are sums of a few terms of order one: below this bound they are rounding, and the minimum is flat.
@@ -179,7 +181,7 @@ def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> Optimum:
         nothing = nothing | ~(jnp.maximum(sides.right.max(), sides.left.max()) > 0)
     helps = (margin > noise) & ~nothing
     inside = helps & (at_floor < 0)
-    root, converged = zero_of_slope(fixed, inside, (lower + upper) / 2, lower, upper, noise)
+    root, converged = zero_of_slope(fixed, inside, (lower + upper) / 2, lower, upper, noise, longest)
     u, outcome, residual = settled(log_norm, root, eps)
     outcome = jnp.where(converged, outcome, Outcome.not_converged)
     u = jnp.where(inside, u, jnp.where(helps, lower, 0))

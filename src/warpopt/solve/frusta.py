@@ -37,7 +37,7 @@ class Method(NamedTuple):
 @functools.partial(jax.jit, static_argnames=("objective", "method"))
 def solve_frusta(frustum: ViewFrustum, theta: Array, objective: Objective, method: Method) -> Solution:
     """The optimum of every frustum and direction, which broadcast."""
-    return in_chunks(solve_chunk, (frustum, theta), objective, method)
+    return in_chunks(solve_chunk, (frustum, theta), objective, method, few_numbers=objective.supremum)
 
 
 @functools.partial(jax.jit, static_argnames=("objective", "method"))
@@ -45,13 +45,13 @@ def norms_over_frusta(
     frustum: ViewFrustum, theta: Array, warp: Warp, objective: Objective, method: Method
 ) -> tuple[Array, Array]:
     """(the norm for every frustum, direction and warp, which broadcast; whether the apex is not before V: NaN)."""
-    return in_chunks(_norm_of_chunk, (frustum, theta, warp), objective, method)
+    return in_chunks(_norm_of_chunk, (frustum, theta, warp), objective, method, few_numbers=objective.supremum)
 
 
 @functools.partial(jax.jit, static_argnames=("objective",))
 def norms_of_eta(frustum: ViewFrustum, theta: Array, eta: Array, objective: Objective) -> Array:
     """The norm for every frustum, direction and eta over V, which broadcast."""
-    return in_chunks(_norm_of_eta_chunk, (frustum, theta, eta), objective)
+    return in_chunks(_norm_of_eta_chunk, (frustum, theta, eta), objective, few_numbers=objective.supremum)
 
 
 @functools.partial(jax.jit, static_argnames=("objective",))
@@ -59,7 +59,7 @@ def solve_and_compare(
     frustum: ViewFrustum, theta: Array, etas: list[Float[Array, "..."]], objective: Objective
 ) -> tuple[Solution, list[Float[Array, "..."]]]:
     """The optima, and the norms over V of other warps, given by eta, in one call that shares their common work."""
-    return in_chunks(_compare_chunk, (frustum, theta, etas), objective)
+    return in_chunks(_compare_chunk, (frustum, theta, etas), objective, few_numbers=objective.supremum)
 
 
 def solve_chunk(frustum: ViewFrustum, theta: Array, objective: Objective, method: Method) -> Solution:

@@ -4,12 +4,14 @@ The condition (a stationary point, a tie of two receivers, a kink of the width) 
 and just above; solving it gives the last digits and the derivatives.
 """
 
+import math
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from .._parallel import first_at_least, wide
 from .outcome import Outcome
 
 
@@ -43,6 +45,9 @@ class PiecewiseLog(Protocol):
         ...
 
 
+_ROUNDS = {32: 2, 64: 4}  # of the search on devices of many threads, by bits: a few hundred slopes in each
+
+
 class Optimum(NamedTuple):
     """eta, its outcome, the residual of its equation, and the margin by which a warp helps at eta = 1."""
 
@@ -58,7 +63,13 @@ def slope_at(log_norm: PiecewiseLog, u: Float[Array, ""]) -> Float[Array, ""]:
 
 
 def zero_of_slope(
-    log_norm: PiecewiseLog, inside: Bool[Array, ""], start: Array, lower: Array, upper: Array, noise: float
+    log_norm: PiecewiseLog,
+    inside: Bool[Array, ""],
+    start: Array,
+    lower: Array,
+    upper: Array,
+    noise: float,
+    longest: float,
 ) -> tuple[Float[Array, ""], Bool[Array, ""]]:
     """(where the slope passes `noise` from below, whether it was found), without derivatives.
 
@@ -68,7 +79,10 @@ def zero_of_slope(
         start: where the search begins.
         lower, upper: where it ends.
         noise: slopes below it are rounding.
+        longest: upper - lower at most.
     """
+    if wide():
+        return _zero_by_rounds(log_norm, inside, start, lower, upper, noise, longest)
     import optimistix as optx  # see `positive_root`
 
     from .bracketed_newton import BracketedNewton
@@ -83,6 +97,26 @@ def zero_of_slope(
         throw=False,
     )
     return root.value, root.stats["converged"]
+
+
+def _zero_by_rounds(
+    log_norm: PiecewiseLog, inside: Array, start: Array, lower: Array, upper: Array, noise: float, longest: float
+) -> tuple[Array, Array]:
+    """As `zero_of_slope`: a fixed number of rounds, each of which evaluates many slopes at once."""
+    eps = float(jnp.finfo(lower.dtype).eps)
+    rounds = _ROUNDS[jnp.finfo(lower.dtype).bits]
+    count = 1 + math.ceil((longest / (0.5 * eps**0.5)) ** (1 / rounds))
+    share = jnp.linspace(0, 1, count, dtype=lower.dtype)
+    ends = jnp.zeros(2, lower.dtype)
+    for _ in range(rounds):
+        at = lower + (upper - lower) * share
+        slopes = jax.vmap(lambda u: slope_at(log_norm, u))(at) - noise
+        last = jnp.clip(first_at_least(slopes, 0.0)[0], 1, count - 1)
+        lower, upper, ends = at[last - 1], at[last], jnp.stack([slopes[last - 1], slopes[last]])
+    rise = ends[1] - ends[0]
+    share = jnp.clip(-ends[0] / jnp.where(rise > 0, rise, 1), 0, 1)
+    found = lower + (upper - lower) * jnp.where(rise > 0, share, 0.5)
+    return jnp.where(inside, found, start), ~inside | jnp.isfinite(ends).all()
 
 
 def settled(log_norm: PiecewiseLog, found: Array, eps: float) -> tuple[Array, Array, Array]:

@@ -8,11 +8,11 @@ W's axis (a receiver's z is part of its weight). Hence a cell's mean of size^P i
 and at most what is interpolated between the corners of a cell, of which there are four to one of the centroids'.
 """
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..._numerics import larger, power, smaller
+from ..._parallel import mapped
 from ...receivers.samples import Corners, Samples
 from ...theory.light_space import LightDepth
 from ...theory.texel import KERNELS, offset_across
@@ -115,8 +115,8 @@ def excess_of_cells(
     # A width narrower by a factor leaves at least that factor of a size, and within each of the first intervals one
     # loss is enough where the search's bound is high. In the rest, around the optimum, the best case is searched.
     nodes = even_nodes(floor, jnp.ones_like(floor), NODES)
-    losses = jax.lax.map(lambda ends: covariance_loss(norm, *ends), (nodes[:-1], nodes[1:]))
-    which = jnp.clip(jnp.searchsorted(nodes, search.starts, side="right") - 1, 0, NODES - 2)
+    losses = mapped(lambda ends: covariance_loss(norm, *ends), (nodes[:-1], nodes[1:]))
+    which = jnp.clip(jnp.searchsorted(nodes, search.starts, side="right", method="compare_all") - 1, 0, NODES - 2)
     rough = search.bounds - losses[which]
     rough = jnp.where(rough > 0, rough, 0) * _narrowing(norm, best_case, floor) ** norm.order
     around = jnp.isfinite(search.bounds) & (rough < search.value)

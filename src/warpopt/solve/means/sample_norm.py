@@ -31,6 +31,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._numerics import power
+from ..._parallel import wide
 from ...receivers.footprint import Footprint
 from ...receivers.samples import Normal, Samples
 from ...theory.light_space import LightDepth
@@ -115,7 +116,7 @@ class SampleNorm(eqx.Module):
 
     def touch(self, eta: Float[Array, ""]) -> Touch:
         """The curve that touches J at eta."""
-        sides = [self._active(side, eta) for side in (self.footprint.sides.right, self.footprint.sides.left)]
+        sides = self._both_active(eta)
         width, widening = (sum((side[k] for side in sides), start=jnp.zeros_like(eta)) for k in (0, 1))
         parts = self.parts
         nothing = [jnp.zeros_like(part.weight) for part in parts]
@@ -141,6 +142,14 @@ class SampleNorm(eqx.Module):
         directed = self.footprint.directed if self.kernel == "band" else None
         return [self.samples] if directed is None else [self.samples, directed]
 
+    def _both_active(self, eta: Array) -> list[tuple[Array, Array, Array]]:
+        """`_active` of the right and of the left; at once, in half as many kernels, where these are what takes time."""
+        both = self.footprint.sides.right, self.footprint.sides.left
+        if not wide():
+            return [self._active(side, eta) for side in both]
+        found = jax.vmap(self._active, (0, None))(jnp.stack(both), eta)
+        return [tuple(part[i] for part in found) for i in (0, 1)]
+
     def _active(self, side: Array, eta: Array) -> tuple[Array, Array, Array]:
         """(what a side spans, its slope, the delta of a receiver that spans it), without an argmax, which takes longer
         than all the rest."""
@@ -156,6 +165,9 @@ class SampleNorm(eqx.Module):
     def _edges(self, eta: Array) -> tuple[Array, Array]:
         sides = self.footprint.sides
         blend = sides.depth.blend(eta)
+        if wide():
+            right, left = jnp.argmax(jnp.stack([sides.right, sides.left]) / blend, -1)
+            return right, left
         return jnp.argmax(sides.right / blend), jnp.argmax(sides.left / blend)
 
     def _width(self, eta: Array, right: Array, left: Array) -> Array:

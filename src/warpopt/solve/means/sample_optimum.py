@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from ..outcome import Outcome
 from ..pieces import Optimum, settled, slope_at, value_at, zero_of_slope
 from .sample_norm import SampleNorm
-from .weak_convexity import Minimum, least
+from .weak_convexity import Minimum, least, longest_interval
 
 
 class SampleOptimum(NamedTuple):
@@ -44,7 +44,7 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
     unbounded = (found.below == 0) & ~(found.slope < 0) & ~no_warp
     inside = ~no_warp & ~unbounded
     middle = jnp.clip(jnp.log(found.eta), lower, upper)
-    root, _ = zero_of_slope(fixed, inside, middle, lower, upper, noise)
+    root, _ = zero_of_slope(fixed, inside, middle, lower, upper, noise, longest_interval(dtype))
     u, outcome, residual = settled(norm, root, eps)
     # Between its neighbours the best node may have a local minimum on either side of it: the node, which is within the
     # tolerance of the global minimum, is kept if the one that the root finder came to is the worse.

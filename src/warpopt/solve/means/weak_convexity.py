@@ -1,17 +1,23 @@
 """The global minimum of a function of eta that curves bound from below, and the bound that proves it."""
 
+import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Float, PyTree
 
+from ..._parallel import wide
 from .sample_norm import Touch
 
 NODES = 16  # even in log(eta): E_p and E_q change by a factor of at most 1.9 between two for min_eta = 1e-4
 _TOGETHER = 4  # nodes added in one step
 _STEPS = 80
+# On devices of many threads: nodes to begin with, of which a tolerance as coarse as this needs half and no more; then
+# intervals that are divided, and into how many parts.
+_AT_ONCE, _COARSE, _DIVIDED, _PARTS = 128, 5e-6, 8, 32
 TOLERANCE = 1e-6
 
 
@@ -54,6 +60,8 @@ def least(
     dtype = floor.dtype
     tolerance = max(tolerance, 32 * float(jnp.finfo(dtype).eps))
     touches = jax.vmap(touch)
+    if wide():
+        return _least_by_rounds(touches, floor, jnp.asarray(ceiling, dtype), tolerance)
     begin = -(-count // _TOGETHER)  # the first steps, whose nodes are given
     count = begin * _TOGETHER
     room, high = count + _TOGETHER * _STEPS, jnp.asarray(ceiling, dtype)
@@ -63,21 +71,8 @@ def least(
 
     def bounds(nodes: Array, found: Touch) -> tuple[Array, Array]:
         """(each interval's lower bound, where it is attained); inf beyond the last node."""
-        inside = jnp.isfinite(nodes[1:])
         left, right = (jax.tree.map(lambda v, at=at: v[at], found) for at in (slice(None, -1), slice(1, None)))
-        start, width = nodes[:-1], jnp.where(inside, nodes[1:] - jnp.where(inside, nodes[:-1], 0), 1)
-        # 1/e is largest at the start, and a concave parabola lies above its chord.
-        nearness = 1 / jnp.where(start > 0, start, 1)
-        falling = left.slope - (left.bend + left.pole * nearness) * width
-        rising = right.slope + (right.bend + right.pole * nearness) * width
-        meeting = (right.value - rising * width - left.value) / jnp.where(falling < rising, falling - rising, -1)
-        meeting = jnp.clip(jnp.where(falling < rising, meeting, 0), 0, width)
-
-        def at(t: Array) -> Array:
-            return jnp.maximum(left.value + falling * t, right.value + rising * (t - width))
-
-        lower = jnp.minimum(at(meeting), jnp.minimum(at(jnp.zeros_like(width)), at(width)))
-        return jnp.where(inside, lower, jnp.inf), start + jnp.clip(meeting, 0.1 * width, 0.9 * width)
+        return _bounds(nodes[:-1], nodes[1:], left, right)
 
     def best(nodes: Array, found: Touch) -> Array:
         return jnp.where(jnp.isfinite(nodes), found.value, jnp.inf).min()
@@ -106,6 +101,79 @@ def least(
     below = jnp.where(i > 0, nodes[i - 1], 0)
     above = nodes[jnp.minimum(i + 1, room - 1)]
     return Minimum(nodes[i], values[i], found.slope[i], below, above, nodes[:-1], nodes[1:], bounds(nodes, found)[0])
+
+
+def _bounds(start: Array, end: Array, left: Touch, right: Touch) -> tuple[Array, Array]:
+    """(each interval's lower bound, where it is attained) from the curves that touch at its ends; inf where it ends
+    nowhere."""
+    inside = jnp.isfinite(end)
+    width = jnp.where(inside, end - jnp.where(inside, start, 0), 1)
+    # 1/e is largest at the start, and a concave parabola lies above its chord.
+    nearness = 1 / jnp.where(start > 0, start, 1)
+    falling = left.slope - (left.bend + left.pole * nearness) * width
+    rising = right.slope + (right.bend + right.pole * nearness) * width
+    meeting = (right.value - rising * width - left.value) / jnp.where(falling < rising, falling - rising, -1)
+    meeting = jnp.clip(jnp.where(falling < rising, meeting, 0), 0, width)
+
+    def at(t: Array) -> Array:
+        return jnp.maximum(left.value + falling * t, right.value + rising * (t - width))
+
+    lower = jnp.minimum(at(meeting), jnp.minimum(at(jnp.zeros_like(width)), at(width)))
+    return jnp.where(inside, lower, jnp.inf), start + jnp.clip(meeting, 0.1 * width, 0.9 * width)
+
+
+class _Intervals(NamedTuple):
+    """Intervals between nodes, with the curves that touch at their ends."""
+
+    start: Array
+    end: Array
+    left: Touch
+    right: Touch
+
+
+def _least_by_rounds(touches: Callable[[Array], Touch], floor: Array, ceiling: Array, tolerance: float) -> Minimum:
+    """As `least`: many even nodes at once; then the intervals with the lowest bounds are divided, also at once."""
+    nodes = even_nodes(floor, ceiling, _AT_ONCE if tolerance < _COARSE else _AT_ONCE // 2)
+    found = touches(nodes)
+    left, right = (jax.tree.map(lambda v, at=at: v[at], found) for at in (slice(None, -1), slice(1, None)))
+    between = _Intervals(nodes[:-1], nodes[1:], left, right)
+    lower = _bounds(*between)[0]
+    if tolerance < _COARSE:
+        order = jnp.arange(len(lower))
+        before = (lower < lower[:, None]) | ((lower == lower[:, None]) & (order < order[:, None]))
+        rank = before.sum(1)
+        worst = jnp.argmax(rank == jnp.arange(_DIVIDED)[:, None], 1)
+        chosen: _Intervals = jax.tree.map(lambda v: v[worst], between)
+        share = jnp.asarray(np.arange(1, _PARTS) / _PARTS, floor.dtype)
+        inner = chosen.start[:, None] + (chosen.end - chosen.start)[:, None] * share
+        within = touches(inner.ravel())
+
+        def parts(first: PyTree, rest: PyTree, last: PyTree, at: slice) -> PyTree:
+            def joined(first: Array, rest: Array, last: Array) -> Array:
+                row = jnp.concatenate([first[:, None], rest.reshape(_DIVIDED, -1), last[:, None]], 1)
+                return row[:, at].ravel()
+
+            return jax.tree.map(joined, first, rest, last)
+
+        ends = (chosen.start, chosen.left), (inner, within), (chosen.end, chosen.right)
+        (starts, lefts), (stops, rights) = (parts(*ends, at) for at in (slice(None, -1), slice(1, None)))
+        divided = _Intervals(starts, stops, lefts, rights)
+        lower = jnp.concatenate([jnp.where(rank < _DIVIDED, jnp.inf, lower), _bounds(*divided)[0]])
+        between, nodes, found = (
+            jax.tree.map(lambda *v: jnp.concatenate(v), one, other)
+            for one, other in ((between, divided), (nodes, inner.ravel()), (found, within))
+        )
+    i = jnp.argmin(jnp.where(jnp.isnan(found.value), jnp.inf, found.value))
+    eta, live = nodes[i], jnp.isfinite(lower)
+    start, end = between.start, between.end
+    below = jnp.where(live & (end == eta) & (start < eta), start, 0).max()
+    above = jnp.where(live & (start == eta) & (end > eta), end, jnp.inf).min()
+    return Minimum(eta, found.value[i], found.slope[i], below, above, start, end, lower)
+
+
+def longest_interval(dtype: Any) -> float:
+    """At most this is log(above / below) of a `Minimum`, where the search is by rounds."""
+    return -2 * math.log(float(jnp.finfo(dtype).tiny)) / (_AT_ONCE - 1)
 
 
 def even_nodes(floor: Float[Array, ""], ceiling: Float[Array, ""], count: int) -> Float[Array, " count"]:

@@ -1,0 +1,132 @@
+"""What runs otherwise on devices of many threads, on the CPU: the same warps, bounds that hold, derivatives.
+
+Oracle: the path of a CPU, itself held against brute force elsewhere.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import warpopt
+from warpopt import Camera, DirectionalLight, Objective, SceneView
+from warpopt._parallel import extremes, one_of, raised
+from warpopt.receivers import DepthBuffer
+from warpopt.receivers.weighted import cells
+from warpopt.solve import chunks
+from warpopt.solve.frusta import Method, solve_frusta
+from warpopt.solve.means.sample_norm import Touch
+from warpopt.solve.means.weak_convexity import least
+from warpopt.solve.scene import solve_scene
+
+CAMERA = Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=500.0, half_fov=0.4, aspect=1.6)
+LIGHTS = jnp.array([(0.3, -1.0, -0.5), (0.0, -0.7, -0.7), (0.5, -0.6, -1.0), (0.3, -1.0, -0.5)])
+
+
+@pytest.fixture
+def wide(monkeypatch):
+    """As on a GPU, for what is traced from now on; what was compiled before is not used: each test makes its own."""
+    return lambda: monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+
+
+def depths() -> jax.Array:
+    """Ground with posts, ground alone, noise, and nothing."""
+    up = (1 - (np.arange(25) + 0.5) / 25 * 2)[:, None] * np.tan(0.4)
+    ground = np.where(up < -0.005, 2 / np.maximum(-up, 1e-9), 0.0) + np.zeros(40)
+    posts = ground.copy()
+    posts[5:20, 7:9], posts[8:22, 30] = 6.0, 3.0
+    noise = np.exp(np.random.default_rng(0).uniform(0, 5, ground.shape))
+    return jnp.stack([jnp.asarray(v) for v in (posts, ground, noise, 0 * ground)])
+
+
+# Moments with grouped sides, and cells; every program takes seconds.
+@pytest.mark.parametrize("objective", [Objective("pxq", "l2"), Objective("edge")], ids=lambda o: o.title)
+def test_buffers_have_the_same_warps(objective, wide, monkeypatch):
+    monkeypatch.setattr(cells, "EXACT", 64)
+
+    def solve(depth, light):
+        buffer = DepthBuffer(depth, weights="depth" if objective.kernel else None)
+        view = SceneView(CAMERA, DirectionalLight(light), buffer, screen=(1280, 800), shadow_map=(1024, 1024))
+        return solve_scene.__wrapped__(view, objective, jnp.asarray(1e-4))
+
+    one = jax.jit(jax.vmap(lambda *v: solve(*v)))(depths(), LIGHTS)
+    wide()
+    many = jax.jit(jax.vmap(lambda *v: solve(*v)))(depths(), LIGHTS)
+    # Both end with one Newton step on the same condition, from starts within sqrt(eps): equal to its rounding.
+    np.testing.assert_allclose(many.warp.eta, one.warp.eta, rtol=1e-10)
+    np.testing.assert_allclose(many.value, one.value, rtol=1e-12)
+    np.testing.assert_array_equal(many.result, one.result)
+    if objective.kernel is None:
+        np.testing.assert_allclose(many.excess, one.excess, rtol=1e-6, atol=1e-12)
+    else:  # two bounds of the same regret, of two searches: neither is below the other's by more than its gap
+        np.testing.assert_allclose(many.excess, one.excess, rtol=0.05, atol=1e-5)
+        assert (np.asarray(many.gap) <= 1e-5).all()
+
+
+def test_frusta_have_the_same_warps_in_one_call(wide, monkeypatch):
+    rng = np.random.default_rng(0)
+    frustum = warpopt.ViewFrustum(1.0, np.exp(rng.uniform(0.05, 9, 600)), 0.5)
+    theta, objective = rng.uniform(0.02, 1.57, 600), Objective("p", "l2")
+    one = warpopt.optimal_warp(warpopt.FrustumView(frustum, theta), objective)
+    monkeypatch.setattr(chunks, "_BLOCK", 64)
+    monkeypatch.setattr(chunks, "_CHUNK_ELSEWHERE", 256)
+    wide()
+    compiled, calls = jax.jit(solve_frusta.__wrapped__, static_argnums=(2, 3)), []
+
+    def counted(*args):
+        calls.append(args)
+        return compiled(*args)
+
+    many = chunks.in_blocks(counted, (frustum, jnp.asarray(theta)), objective, Method())
+    assert len(calls) == 1
+    assert all(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(many))
+    np.testing.assert_allclose(many.warp.eta, one.warp.eta, rtol=1e-14)
+    np.testing.assert_array_equal(many.result, one.result)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_extremes_of_groups(wide, dtype):
+    """Of negative numbers, zeros of both signs, infinities and ties; the derivatives are those of the values kept."""
+    rng = np.random.default_rng(0)
+    which = jnp.asarray(rng.integers(0, 7, 400))
+    which = jnp.where(which == 5, 4, which)  # 5 stays empty
+    a, b = (jnp.asarray(rng.normal(size=400) * 10.0 ** rng.integers(-20, 20, 400), dtype) for _ in range(2))
+    a = a.at[:8].set(jnp.asarray([0.0, -0.0, np.inf, -np.inf, 1.0, 1.0, -1.0, -1.0], dtype))
+
+    def both(values):
+        return extremes({"low": values, "high": b}, {"low": 1, "high": -1}, which, 7)
+
+    def total(values):
+        found = raised(jnp.zeros((7, 1), dtype), which, values[:, None])
+        return (found * jnp.arange(1, 8, dtype=dtype)[:, None]).sum()
+
+    expected, slopes = both(a), jax.grad(total)(b)
+    wide()
+    jax.tree.map(np.testing.assert_array_equal, both(a), expected)
+    np.testing.assert_array_equal(jax.grad(total)(b), slopes)
+    np.testing.assert_array_equal(jax.vmap(both)(jnp.stack([a, -a]))["low"][0], expected["low"])
+    assert one_of(jnp.asarray(1), [lambda: jnp.zeros(2), lambda: jnp.ones(2)]).sum() == 2
+
+
+def test_bounds_between_nodes_hold_at_once(wide):
+    """For waves, whose parabolas are as steep as they must be: what is not proved is said."""
+
+    def touch(eta):
+        bend = 200.0 * jnp.ones_like(eta)
+        return Touch(3 + jnp.cos(20 * eta) + eta, 1 - 20 * jnp.sin(20 * eta), bend, jnp.zeros_like(eta))
+
+    grid = np.linspace(1e-3, 1, 20_001)
+    values = np.asarray(touch(grid).value)
+    wide()
+    for tolerance in (1e-6, 1e-2):
+        found = least(touch, jnp.asarray(1e-3), tolerance=tolerance)
+        live = np.isfinite(found.bounds)
+        starts, ends, bounds = (np.asarray(v)[live] for v in (found.starts, found.ends, found.bounds))
+        order = np.argsort(starts)
+        starts, ends, bounds = starts[order], ends[order], bounds[order]
+        np.testing.assert_array_equal(starts[1:], ends[:-1])  # they tile the range
+        which = np.clip(np.searchsorted(starts, grid, side="right") - 1, 0, None)
+        assert (bounds[which] <= values + 1e-12).all()
+        assert bounds.min() <= values.min() <= found.value + 1e-12
+        assert found.below < found.eta < found.above
+        np.testing.assert_allclose(found.value, values.min(), rtol=2e-3 if tolerance > 1e-4 else 1e-5)
