@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._checks import Numbers, checked, float_arrays
+from .._checks import Numbers, assembled, checked, float_arrays
 from .._numerics import larger
 from .._parallel import sweep, wide
 from .._words import one_of

@@ -26,7 +26,7 @@ from .samples import Samples
 
 # Tiles of the screen, across and down. For maxima more: what cells add to an extent is first order in their size, what
 # centroids lose of a mean is second order.
-_FOR_MAXIMA, _FOR_MEANS = (42, 24), (28, 16)
+_FOR_MAXIMA, _FOR_MEANS = (38, 22), (28, 16)
 _LEAST_TILE = 2  # pixels along a side: smaller buffers have fewer tiles
 
 
