@@ -293,3 +293,28 @@ def test_turned_warps_are_measured_in_pixels(tmp_path, main, script, monkeypatch
     main("pixels_turned", "--short", "--directory", str(tmp_path))
     assert (tmp_path / "turned.json").stat().st_mtime_ns == before
     assert "edge-weighted, turned, best aspect" in (tmp_path / "tables.md").read_text()
+
+
+def test_the_script_for_a_gpu_runs_on_a_cpu(tmp_path, main):
+    """Its table; and that an animation on the device compiles once and sends nothing to or from the host."""
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- gpu -->\nold\n<!-- end gpu -->\nafter\n")
+    main("gpu", "--short", "--directory", str(tmp_path), "--page", str(page))
+    told = json.loads((tmp_path / "gpu.json").read_text())
+    assert told["animation"]["compilations after the first"] == 0
+    assert told["animation"]["least eta"] < told["animation"]["largest eta"]  # the frames are not one frame
+    (buffer,) = told["buffers"]
+    assert buffer["eta off the CPU's"] == 0  # it is the CPU's
+    assert {row["objective"] for row in told["batches"]} == {"E_p, norm inf", "E_p, norm l2"}
+    text = page.read_text()
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")
+    assert "old" not in text
+
+
+def test_compilations_are_counted(script):
+    import jax
+
+    with script("gpu").compilations() as compiled:
+        jax.jit(lambda v: v * 3 - 1)(1.5)
+    assert compiled
