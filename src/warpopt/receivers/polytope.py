@@ -16,19 +16,35 @@ def vertices_of(planes: Float[Array, "K 4"]) -> tuple[Float[Array, "N 3"], Bool[
     Every edge is the line of two planes, clipped by all others. Points within rounding of the body belong to it, so
     that a body without thickness keeps its vertices.
     """
+    first, second = np.array(list(itertools.combinations(range(len(planes)), 2))).T
+    others = (np.arange(len(planes)) != first[:, None]) & (np.arange(len(planes)) != second[:, None])
+    return edges_between(planes[first], planes[second], planes, others)
+
+
+def edges_between(
+    first: Float[Array, "E 4"],
+    second: Float[Array, "E 4"],
+    planes: Float[Array, "K 4"],
+    others: Bool[np.ndarray, "E K"],
+) -> tuple[Float[Array, "N 3"], Bool[Array, " N"], Bool[Array, ""]]:
+    """(both ends, which there are, whether one is unbounded) of the lines in which planes meet, clipped by half-spaces.
+
+    Args:
+        first, second: the planes of each line.
+        planes: the half-spaces.
+        others: which of them clip each line.
+    """
+    p, q = first[:, :3], second[:, :3]
     normals, offsets = planes[:, :3], planes[:, 3]
     eps = jnp.finfo(planes.dtype).eps
-    first, second = np.array(list(itertools.combinations(range(len(planes)), 2))).T
-    p, q = normals[first], normals[second]
     direction = jnp.cross(p, q)
     square = (direction * direction).sum(-1)
     crossing = square > 1e4 * eps  # parallel planes have no edge, or a negligible one
     square = jnp.where(crossing, square, 1)
     # The line's point nearest to the eye, and its unit direction.
-    h, g = -offsets[first][:, None], -offsets[second][:, None]
+    h, g = -first[:, 3:], -second[:, 3:]
     base = (h * jnp.cross(q, direction) + g * jnp.cross(direction, p)) / square[:, None]
     direction = direction / jnp.sqrt(square)[:, None]
-    others = (np.arange(len(planes)) != first[:, None]) & (np.arange(len(planes)) != second[:, None])
     start, end, bounded, slanted, inside = clipped(base, direction, normals, offsets, others)
     reach = jnp.sqrt((base * base).sum(-1) + jnp.maximum(start * start, end * end))
     tolerance = 64 * eps * reach

@@ -11,7 +11,7 @@ from ...theory.camera import Camera, DirectionalLight, normalised
 from ...theory.light_frame import LightFrame
 from ..bins import extent_of, from_groups, singles
 from ..footprint import Footprint
-from ..polytope import clipped
+from ..polytope import edges_between
 from ..profiles.nearness import over_body
 from ..receivers import Receivers
 
@@ -97,25 +97,8 @@ class GroundPlane(Receivers):
         frustum's planes, clipped by the others."""
         normal, offset = self.in_eye(camera)
         planes = camera.planes()
-        normals, offsets = planes[:, :3], planes[:, 3]
-        direction = jnp.cross(normals, normal)
-        square = (direction * direction).sum(-1)
-        eps = jnp.finfo(square.dtype).eps
-        crossing = square > 1e4 * eps
-        square = jnp.where(crossing, square, 1)
-        base = -offsets[:, None] * jnp.cross(normal, direction) - offset * jnp.cross(direction, normals)
-        base = base / square[:, None]
-        direction = direction / jnp.sqrt(square)[:, None]
-        others = ~np.eye(len(planes), dtype=bool)
-        start, end, bounded, slanted, inside = clipped(base, direction, normals, offsets, others)
-        reach = jnp.sqrt((base * base).sum(-1) + jnp.maximum(start * start, end * end))
-        tolerance = 64 * eps * reach
-        beside = (others & ~slanted & (inside < -tolerance[:, None])).any(1)
-        there = crossing & ~beside & (start <= end + tolerance)
-        endless = (there & ~bounded).any()
-        there = there & bounded
-        ends = base + start[:, None] * direction, base + end[:, None] * direction
-        return jnp.concatenate(ends), jnp.concatenate([there, there]), endless
+        ground = jnp.broadcast_to(jnp.append(normal, offset), planes.shape)
+        return edges_between(planes, ground, planes, ~np.eye(len(planes), dtype=bool))
 
 
 @jax.jit
