@@ -28,11 +28,11 @@ class _State(eqx.Module):
 class BracketedNewton(optx.AbstractRootFinder):
     """Newton's method for increasing functions, elementwise on arrays, guarded by bisection.
 
-    Every evaluation tightens the bracket given as `options=dict(lower=..., upper=...)`, or as dict(state=...), of steps
-    before; a Newton step that would leave
-    it, or is more than half as long as the step before, is replaced by bisection. A lane stops when a Newton step is
-    below `rtol`: the next step would be below rtol^2, which is the accuracy reached. (optimistix's `Newton` has no
-    guard and diverges on these objectives; `Bisection` uses no derivative.)
+    Every evaluation tightens the bracket given as `options=dict(lower=..., upper=...)`, or as dict(state=...) by steps
+    before; a Newton step that would leave it, or is more than half as long as the step before, is replaced by
+    bisection. A lane stops when a Newton step is below `rtol`: the next step would be below rtol^2, which is the
+    accuracy reached. (optimistix's `Newton` has no guard and diverges on these objectives; `Bisection` uses no
+    derivative.)
     """
 
     rtol: float

@@ -147,8 +147,8 @@ class SampleNorm(eqx.Module):
         both = self.footprint.sides.right, self.footprint.sides.left
         if not wide():
             return [self._active(side, eta) for side in both]
-        found = jax.vmap(self._active, (0, None))(jnp.stack(both), eta)
-        return [tuple(part[i] for part in found) for i in (0, 1)]
+        widest, slopes, first = jax.vmap(self._active, (0, None))(jnp.stack(both), eta)
+        return [(widest[i], slopes[i], first[i]) for i in (0, 1)]
 
     def _active(self, side: Array, eta: Array) -> tuple[Array, Array, Array]:
         """(what a side spans, its slope, the delta of a receiver that spans it), without an argmax, which takes longer

@@ -55,7 +55,8 @@ def least(
             every e.
         floor, ceiling: in (0, 1].
         count: number of nodes to begin with, even in log(eta).
-        tolerance: best value over bound, minus 1, at most; in single precision its rounding at least.
+        tolerance: best value over bound, minus 1, at most; in single precision its rounding at least. Where the search
+            is by a fixed number of rounds it may be more, and the bounds say so.
     """
     dtype = floor.dtype
     tolerance = max(tolerance, 32 * float(jnp.finfo(dtype).eps))
