@@ -69,8 +69,8 @@ def lean(
     """The signed extent across an edge of a texel's column edge: E_p (c + sigma s), for the edge's unit normal (c, s).
 
     Example:
-        >>> float(lean(*map(jnp.asarray, (2.0, 0.5)), (jnp.asarray(0.6), jnp.asarray(-0.8))))
-        0.4
+        >>> float(lean(*map(jnp.asarray, (2.0, 0.5)), (jnp.asarray(0.75), jnp.asarray(-0.5))))
+        1.0
     """
     return e_p * (normal[0] + sigma * normal[1])
 

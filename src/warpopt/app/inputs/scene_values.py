@@ -44,12 +44,13 @@ def receivers_of(config: SceneSettings, scene: SceneInput, i: int) -> Receivers:
     return weighted(config, scene, i) or body_of(config) or WholeFrustum()
 
 
-def views_of(config: SceneSettings, scene: SceneInput, objective: Objective) -> "list[warpopt.SceneView]":
-    """For each distinct camera its view for an objective, under all lights of the scene (at least one).
+def views_of(config: SceneSettings, scene: SceneInput, objective: Objective | None = None) -> "list[warpopt.SceneView]":
+    """For each distinct camera its view for an objective (the first), under all lights of the scene (at least one).
 
     Raises:
         ConfigError: receivers for which a camera's view cannot be solved.
     """
+    objective = objective or config.objective.objectives()[0]
     lights = jax.vmap(warpopt.DirectionalLight)(np.array(scene.lights, float))
     views = []
     for i, seen in enumerate(scene.cameras):

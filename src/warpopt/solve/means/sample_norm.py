@@ -148,7 +148,7 @@ class SampleNorm(eqx.Module):
         if not wide():
             return [self._active(side, eta) for side in both]
         widest, slopes, first = jax.vmap(self._active, (0, None))(jnp.stack(both), eta)
-        return [(widest[i], slopes[i], first[i]) for i in (0, 1)]
+        return [(widest[0], slopes[0], first[0]), (widest[1], slopes[1], first[1])]
 
     def _active(self, side: Array, eta: Array) -> tuple[Array, Array, Array]:
         """(what a side spans, its slope, the delta of a receiver that spans it), without an argmax, which takes longer
