@@ -105,7 +105,7 @@ class Warp(eqx.Module):
             raise ValueError(f"defined: got {shown(defined)}, expected true or false")
         ratio, start, mu = float_arrays(ratio=ratio, start=body.start, mu=body.mu)
         if not is_traced(ratio, defined):
-            own = np.where(defined, ratio, 0)
+            own = jnp.asarray(np.where(defined, ratio, 0))
             checked("ratio", own, lambda v: (v >= 0) & (v < np.inf), "a finite number >= 0")
         return _of_ratio(ratio, start, mu, defined)
 
