@@ -134,7 +134,7 @@ def tables(records: list[dict], directions: int) -> str:
             + " | ".join(cells)
             + f" | {min(minima)} to {max(minima)}, median {int(np.median(minima))} |"
         )
-    return "\n".join(lines)
+    return "\n".join(lines) + "\n"
 
 
 def write_picture(folder: Path) -> None:

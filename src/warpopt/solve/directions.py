@@ -18,7 +18,7 @@ from .means.weak_convexity import least
 from .pieces import value_at
 from .scene_norm import log_norm_of, product_norm
 
-_EVEN = 32  # directions, the view's among them; the norm has 2 to 5 local minima over them
+_EVEN = 32  # directions, the view's among them; the norm has 4 to 10 local minima over them, storage dozens
 _TOGETHER = 12  # directions in one batch
 # Rounds of refinement: how many of the best, and where around each, as a share of the spacing. From 11 degrees to 0.1.
 _FEW = np.array([-2, -1, 1, 2]) / 3
