@@ -63,7 +63,7 @@ class View:
         receivers = self.receivers if receivers is None else receivers
         view = warpopt.SceneView(self.camera, self.light, receivers, **self.resolutions)
         found = warpopt.optimal_warp(view, warpopt.Objective(*objective))
-        mapping = Mapping.of(found, *(sum(found.footprint.half_widths(eta)) for eta in (found.warp.eta, 1.0)))
+        mapping = Mapping.of(found, *map(found.footprint.lateral_fit, (found.warp.eta, np.ones(()))))
         maps = {one: errors(mapping, self.seen, one, warped) for one in ("p", "q")}
         return Choice(title, float(found.warp.eta) if warped else 1.0, maps)
 

@@ -164,11 +164,11 @@ class SceneView(eqx.Module):
         Raises:
             ValueError: a direction or an aspect that is searched for: `along` gives the view with those found.
         """
-        for name, value in (("warp_direction", self.warp_direction), ("map_aspect", self.map_aspect)):
-            if value == "best" or value is None:
-                raise ValueError(
-                    f"{name}: got 'best', which optimal_warp finds, expected its solution: view.along(solution)"
-                )
+        if self.searched:
+            name = "warp_direction" if self.warp_direction == "best" else "map_aspect"
+            raise ValueError(
+                f"{name}: got 'best', which optimal_warp finds, expected its solution: view.along(solution)"
+            )
         return self.frame_along(self.warp_direction)
 
     def frame_along(self, direction: str) -> LightFrame:

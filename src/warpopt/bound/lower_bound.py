@@ -77,7 +77,7 @@ def lower_bound(
     if objective.storage:
         refuse_traced("lower bound over a scene", view)
         one_light(view, "call it for each").receivers.check(view.camera, view.light, objective)
-        frame = _frame(_ahead(view))
+        frame = _frame_ahead(view)  # areas do not depend on direction and aspect
         return float(frame.density_p * frame.density_q) * view.receivers.nearness(view.camera, frame, bins)
     frame, profile = _profile(view, objective, bins)
     values = []
@@ -176,9 +176,9 @@ def _frame(view: SceneView) -> LightFrame:
     return view.frame()
 
 
-def _ahead(view: SceneView) -> SceneView:
-    """The view warped along the view direction: areas do not depend on direction and aspect."""
-    return SceneView(view.camera, view.light, view.receivers, screen=view.screen, shadow_map=view.shadow_map)
+@jax.jit
+def _frame_ahead(view: SceneView) -> LightFrame:
+    return view.frame_along("view")
 
 
 def _profile(view: SceneView, objective: Objective, bins: int) -> tuple[LightFrame, DepthProfile]:

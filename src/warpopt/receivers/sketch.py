@@ -19,7 +19,7 @@ from ..objective import Objective
 from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
 from ..theory.light_space import LightDepth
-from .bins import BINS, bin_of, ends, extent_of, from_groups, grouped, with_moments
+from .bins import BINS, bin_of, ends, from_groups, grouped, with_moments
 from .footprint import Footprint
 from .receivers import Receivers
 from .samples import Samples
@@ -81,10 +81,6 @@ class Sketch(Receivers):
             sums.weight, None,
         )  # fmt: skip
         return eqx.tree_at(lambda f: (f.samples, f.unit), footprint, (samples, self.unit), is_leaf=lambda v: v is None)
-
-    def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """See `Receivers`."""
-        return extent_of(self.near, jnp.isfinite(self.near))
 
     def places(self, camera: Camera) -> tuple[Float[Array, "N 3"], Float[Array, " N"]]:
         """See `Receivers`: each cell's corners."""

@@ -4,10 +4,11 @@ import dataclasses
 
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 
 import warpopt
 from warpopt import theory
+from warpopt.receivers.footprint import LateralFit
+from warpopt.theory import LightDepth
 
 from ...scene_files.scene_camera import SceneCamera
 
@@ -24,8 +25,7 @@ class Mapping:
         densities: (density_p, density_q) of the light frame.
         pixel_ratio: of the light frame.
         eta: of the warp.
-        width, plain_width: width that the map spans, with and without the warp.
-        lines: (m0, m1) of the map's axis x = m0 + m1 delta, with and without the warp.
+        warped, plain: the map across the warp, (m0, m1, left, right), with the warp and without.
     """
 
     x_axis: np.ndarray
@@ -37,15 +37,12 @@ class Mapping:
     densities: tuple[float, float]
     pixel_ratio: float
     eta: float
-    width: float
-    plain_width: float
-    lines: tuple[tuple[float, float], tuple[float, float]]
+    warped: LateralFit
+    plain: LateralFit
 
     @classmethod
-    def of(cls, solution: "warpopt.SceneSolution", width: ArrayLike, plain_width: ArrayLike) -> "Mapping":
-        """From one scene's solution."""
-        eta = solution.warp.eta
-        fits = [solution.footprint.lateral_fit(v) for v in (jnp.asarray(eta), jnp.ones_like(eta))]
+    def of(cls, solution: "warpopt.SceneSolution", warped: LateralFit, plain: LateralFit) -> "Mapping":
+        """From one scene's solution, and its lateral fits at the optimal eta and at 1."""
         frame, footprint = solution.frame, solution.footprint
         return cls(
             x_axis=np.asarray(frame.x_axis),
@@ -57,9 +54,8 @@ class Mapping:
             densities=(float(np.asarray(frame.density_p)), float(np.asarray(frame.density_q))),
             pixel_ratio=float(np.asarray(frame.pixel_ratio)),
             eta=float(solution.warp.eta),
-            width=float(np.asarray(width)),
-            plain_width=float(np.asarray(plain_width)),
-            lines=((float(fits[0].m0), float(fits[0].m1)), (float(fits[1].m0), float(fits[1].m1))),
+            warped=LateralFit(*map(jnp.asarray, warped)),
+            plain=LateralFit(*map(jnp.asarray, plain)),
         )
 
 
@@ -134,17 +130,17 @@ def section_of(camera: SceneCamera, planes: np.ndarray, mapping: Mapping, height
 
 def errors(mapping: Mapping, seen: Seen, metric: str, warped: bool) -> np.ndarray:
     """(height, width): the error of each receiver, with A = (1 - delta) eta + delta; NaN where there is none."""
-    eta, width = (mapping.eta, mapping.width) if warped else (1.0, mapping.plain_width)
+    eta, fit = (mapping.eta, mapping.warped) if warped else (1.0, mapping.plain)
     there = np.isfinite(seen.depth)
     z = np.where(there, seen.depth, 1)
     delta = np.clip((z * (seen.slopes @ mapping.z_axis) - mapping.start) / mapping.mu, 0, 1)
     blend = (1 - delta) * eta + delta
     density_p, density_q = mapping.densities
-    e_p, e_q = theory.errors(blend, eta, density_p * mapping.mu / z, density_q * width / z)
+    e_p, e_q = theory.errors(blend, eta, density_p * mapping.mu / z, density_q * float(fit.left + fit.right) / z)
     x = z * (seen.slopes @ mapping.x_axis) - mapping.axis
-    m0, m1 = mapping.lines[0 if warped else 1]
-    sigma = np.abs(m1 + (x - m0 - m1 * delta) * (1 - eta) / blend) * mapping.pixel_ratio / mapping.mu
-    return np.where(there, theory.aggregate(metric, e_p, e_q, jnp.asarray(sigma)), np.nan)
+    depth = LightDepth(jnp.asarray(delta), jnp.asarray(1 - delta))
+    sigma = jnp.abs(fit.shear(depth, jnp.asarray(x), jnp.asarray(eta))) * mapping.pixel_ratio / mapping.mu
+    return np.where(there, theory.aggregate(metric, e_p, e_q, sigma), np.nan)
 
 
 def shading(seen: Seen, light: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from jax.typing import ArrayLike
 import warpopt
 from warpopt._checks import trusted
 from warpopt.objective import Objective
+from warpopt.receivers.footprint import LateralFit
 
 from ..common.error_maps import Mapping
 from ..common.of_objective import OfObjective
@@ -78,10 +79,9 @@ class _Found:
     matrix: ArrayLike
     lam: ArrayLike
     lam_over_mu: ArrayLike
-    width: ArrayLike
-    plain_width: ArrayLike
     turn: ArrayLike
-    line: tuple[ArrayLike, ArrayLike]
+    warped: LateralFit
+    plain: LateralFit
 
 
 jax.tree_util.register_dataclass(_Found)
@@ -100,11 +100,9 @@ def _over_lights(
             seen = seen if seen.searched else seen.reduced(objective)
             solution = warpopt.optimal_warp(seen, objective, min_eta=min_eta, throw=False)
             matrix = warpopt.shadow_matrix(seen, solution, convention, casters=casters)
-        warp, half_widths = solution.warp, solution.footprint.half_widths
-        width, plain = (sum(half_widths(eta)) for eta in (warp.eta, jax.numpy.ones_like(warp.eta)))
-        line = solution.footprint.lateral_fit(warp.eta)
-        turn = _turn(view, solution)
-        return _Found(solution, matrix, warp.lam, warp.lam_over_mu, width, plain, turn, (line.m0, line.m1))
+        warp = solution.warp
+        warped, plain = (solution.footprint.lateral_fit(eta) for eta in (warp.eta, jax.numpy.ones_like(warp.eta)))
+        return _Found(solution, matrix, warp.lam, warp.lam_over_mu, _turn(view, solution), warped, plain)
 
     together = 1 if view.receivers.one_at_a_time else _TOGETHER
     return jax.lax.map(one, view.light, batch_size=min(together, len(view.light.direction)))
@@ -137,7 +135,7 @@ def _limit(view: "warpopt.SceneView", objective: Objective, value: float | None)
 def _solved(found: _Found, place: tuple[int, int], direction: list[float], objective: Objective, alone: bool) -> Solved:
     solution, matrix = found.solution, np.asarray(found.matrix)
     outcome = warpopt.Outcome(int(solution.result))
-    mapping = Mapping.of(solution, found.width, found.plain_width)
+    mapping = Mapping.of(solution, found.warped, found.plain)
     there = outcome is not warpopt.Outcome.empty  # an empty scene has no warp and no matrix
     usable = there and bool(np.isfinite(matrix).all())
     reason = None if usable else outcome.sentence if not (there and outcome.succeeded) else "The matrix is not finite."
@@ -157,7 +155,7 @@ def _solved(found: _Found, place: tuple[int, int], direction: list[float], objec
         "turn_deg": finite_or_none(np.rad2deg(found.turn)) if there else None,
         "shares": solution.shares.tolist(),
         "lateral": dict(
-            zip(("axis", "m0", "m1"), map(finite_or_none, (solution.footprint.axis, *found.line)), strict=True)
+            zip(("axis", "m0", "m1"), map(finite_or_none, (solution.footprint.axis, *found.warped[:2])), strict=True)
         ),
         "unturned": finite_or_none(solution.unturned),
         "directions": int(solution.directions),
