@@ -11,7 +11,7 @@ from warpopt import theory
 from warpopt.frames import LitScene, Reading, ShadowMap, judge, measured, see, texel_footprints
 from warpopt.frames.fits import SCAN, Fitting, edges_in_map
 from warpopt.frames.methods import HELD, method_of
-from warpopt.frames.names import DEFAULT, objective_of, title_of
+from warpopt.frames.names import DEFAULT, PREFIXES, objective_of, title_of
 from warpopt.frames.paths import MOTIONS, SPEED, Moment, flips, path, seen_again, sphere_matrix, stepped_far
 from warpopt.frames.pictures import FALSE, MISSING, map_picture, painted, worst_places, wrong_pixels
 from warpopt.receivers import ConvexBody, DepthBuffer
@@ -31,7 +31,7 @@ def frame(scene):
 
 
 def test_each_name_fits_what_the_library_computes(scene, frame):
-    fitting = Fitting(scene, frame, (64, 64))
+    fitting = Fitting(scene, frame, (64, 64), turn_only_if=1.0)
     camera = fitting.view("depth").camera
     view = warpopt.SceneView(
         camera, warpopt.DirectionalLight(LIGHT), DepthBuffer(frame.depth), screen=(96, 60), shadow_map=(64, 64)
@@ -51,9 +51,10 @@ def test_each_name_fits_what_the_library_computes(scene, frame):
     best = warpopt.optimal_warp(weighted, warpopt.Objective("edge"))
     assert fitting.fitted("edge").eta == pytest.approx(float(best.warp.eta), rel=1e-9)
     # Every judged receiver is in the map, on the side of the light that has w > 0.
-    turned = fitting.fitted("turned-edge")
-    assert turned.promised >= 1
-    for name in (name for name in DEFAULT[:-1] if name != "turned-band"):
+    assert fitting.fitted("turned-storage-inf").promised > 1
+    assert fitting.fitted("shaped-edge").promised >= 1
+    straight = [name for name in DEFAULT if name != "best" and not name.startswith(PREFIXES)]
+    for name in (*straight, "turned-storage-inf", "shaped-edge"):
         texture = fitting.map_of(fitting.fitted(name)).texture(frame.places)
         assert texture.min() > -1e-6, name
         assert texture.max() < 1 + 1e-6, name

@@ -100,11 +100,15 @@ def test_extremes_of_groups(wide, dtype):
         found = raised(jnp.zeros((7, 1), dtype), which, values[:, None])
         return (found * jnp.arange(1, 8, dtype=dtype)[:, None]).sum()
 
-    expected, slopes = both(a), jax.grad(total)(b)
+    def of_all(values, others):
+        return both(values), jax.grad(total)(others), jax.vmap(both)(jnp.stack([values, -values]))["low"][0]
+
+    expected, slopes, _ = jax.jit(lambda *v: of_all(*v))(a, b)
     wide()
-    jax.tree.map(np.testing.assert_array_equal, both(a), expected)
-    np.testing.assert_array_equal(jax.grad(total)(b), slopes)
-    np.testing.assert_array_equal(jax.vmap(both)(jnp.stack([a, -a]))["low"][0], expected["low"])
+    found, found_slopes, mapped = jax.jit(lambda *v: of_all(*v))(a, b)
+    jax.tree.map(np.testing.assert_array_equal, found, expected)
+    np.testing.assert_array_equal(found_slopes, slopes)
+    np.testing.assert_array_equal(mapped, expected["low"])
     assert one_of(jnp.asarray(1), [lambda: jnp.zeros(2), lambda: jnp.ones(2)]).sum() == 2
 
 
@@ -119,7 +123,7 @@ def test_bounds_between_nodes_hold_at_once(wide):
     values = np.asarray(touch(grid).value)
     wide()
     for tolerance in (1e-6, 1e-2):
-        found = least(touch, jnp.asarray(1e-3), tolerance=tolerance)
+        found = jax.jit(lambda floor, t=tolerance: least(touch, floor, tolerance=t))(1e-3)
         live = np.isfinite(found.bounds)
         starts, ends, bounds = (np.asarray(v)[live] for v in (found.starts, found.ends, found.bounds))
         order = np.argsort(starts)

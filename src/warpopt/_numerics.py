@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 compiled = functools.partial(jax.jit, inline=True)
 """Of a function of arrays that is also called uncompiled: one compilation for each new shape, not one per operation.
@@ -23,6 +23,11 @@ def power(base: Float[Array, "..."], exponent: float) -> Float[Array, "..."]:
     if 2 * exponent == int(2 * exponent):
         return base ** int(exponent) * jnp.sqrt(base) if exponent > 0 else 1 / power(base, -exponent)
     return base**exponent
+
+
+def picked(values: Float[Array, "..."], i: Int[Array, "..."]) -> Float[Array, "..."]:
+    """values[i] for an index that an argmax gave: half the operations to compile, as none are for other indices."""
+    return values.at[i].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 def larger(x: Array | float, y: Array | float) -> Float[Array, "..."]:

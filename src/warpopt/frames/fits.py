@@ -118,11 +118,11 @@ class Fitting:
             found = compare_rules(plain, [name])
             warp = Warp.from_eta(float(found.eta[0, 0]), plain.footprint())
             return self._of(name, plain, warp, bool(found.defined[0, 0]))
-        if objective.supremum:
-            return self._of(name, plain, optimal_warp(plain, objective, throw=False).warp)
         prefix, rest = turn_of(name)
         if prefix:
             return self._turned(name, rest, objective, prefix == "shaped-")
+        if objective.supremum:
+            return self._of(name, plain, optimal_warp(plain, objective, throw=False).warp)
         kind = name if name in ("edge", "band") else "depth"
         weighted = self.view(kind) if kind != "depth" else self.uniform()
         solution = optimal_warp(weighted, objective, throw=False)

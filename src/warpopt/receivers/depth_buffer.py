@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._checks import Numbers, assembled, checked, float_arrays
-from .._numerics import larger
+from .._numerics import compiled, larger
 from .._parallel import sweep, wide
 from .._words import one_of
 from ..objective import Objective
@@ -282,6 +282,7 @@ def _union(one: Groups, other: Groups) -> Groups:
     return jax.tree.map(lambda a, b, sign: jnp.where(sign * a < sign * b, a, b), one, other, SIGNS)
 
 
+@compiled
 def eye_points(buffer: DepthBuffer, camera: Camera) -> tuple[Float[Array, "H W 3"], Bool[Array, "H W"]]:
     """(the pixels' receivers in eye coordinates, which pixels have one)."""
     z = buffer.eye_depth(camera)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .._checks import Numbers
-from .._numerics import smaller
+from .._numerics import compiled, smaller
 from ..solve.sign_change import on_lanes, positive_root
 from ..theory.light_space import LightSpace
 from ..theory.view_frustum import ViewFrustum
@@ -139,6 +139,13 @@ def tsm_alternative(frustum: ViewFrustum | Body, theta: Numbers, kappa: Numbers 
     space = space_of(frustum, theta)
     if not isinstance(space, LightSpace):
         raise ValueError("frustum: got a Body, expected a ViewFrustum: the rule's focus region is a part of V")
+    eta, defined = _of_focus_region(space, kappa)
+    return Warp.from_range_ratio((1 - eta) / eta, space, defined)
+
+
+@compiled
+def _of_focus_region(space: LightSpace, kappa: Array) -> tuple[Array, Array]:
+    """(eta, whether the rule is defined)."""
     p, q, m = (
         [(1 - kappa) * near + kappa * far for near, far in zip(*space.edge(u), strict=True)] for u in (0.0, 1.0, 0.5)
     )
@@ -146,8 +153,7 @@ def tsm_alternative(frustum: ViewFrustum | Body, theta: Numbers, kappa: Numbers 
     cubic = (p_ * q_ * m_, 2 * m * p_ * q_ - p * q_ * m_ - q * p_ * m_, -3 * p * q * m_, -2 * p * q * m)
     warps = (space.a_plus <= 0) & (3 * m < 1)
     root, _ = positive_root(on_lanes(warps, ((3, 2, 1, 0), cubic)), iterative=True)
-    eta = jnp.where(warps, smaller(root, 1), 1)
-    return Warp.from_range_ratio((1 - eta) / eta, space, space.a_plus <= 0)
+    return jnp.where(warps, smaller(root, 1), 1), space.a_plus <= 0
 
 
 def _fraction(name: str, value: Numbers, frustum: ViewFrustum | Body) -> Array:

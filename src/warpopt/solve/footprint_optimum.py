@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._numerics import horner
+from .._numerics import horner, picked
 from ..objective import Objective
 from ..receivers.footprint import Footprint
 from ..receivers.moments import Moments
@@ -71,7 +71,7 @@ class LogNorm(eqx.Module):
         if self.summed or len(self.terms) == 1:
             return Active(jnp.ones(best.shape, bool), best, right, left)
         totals = [
-            values[i] + self._scale(term, u, right, left)
+            picked(values, i) + self._scale(term, u, right, left)
             for values, i, term in zip(each, best, self.terms, strict=True)
         ]
         return Active(jnp.arange(len(best)) == jnp.argmax(jnp.stack(totals)), best, right, left)
@@ -82,8 +82,10 @@ class LogNorm(eqx.Module):
             (term,) = self.terms
             mean = jnp.log(self._moments.power_mean(jnp.exp(u), self.objective))
             return mean + self._scale(term, u, active.right, active.left)
+        nearest = self.footprint.nearest
         pieces = [
-            self._receivers(term, jnp.exp(u))[i] + self._scale(term, u, active.right, active.left)
+            self._receiver(term, picked(nearest.z, i), nearest.depth.at(i), jnp.exp(u))
+            + self._scale(term, u, active.right, active.left)
             for term, i in zip(self.terms, active.receivers, strict=True)
         ]
         return jnp.where(active.ruling, jnp.stack(pieces), 0).sum()
@@ -98,14 +100,15 @@ class LogNorm(eqx.Module):
         if self.objective is not None:
             top = _polynomial_slope(self._moments, eta) / self.objective.order
         else:
-            top = ((2 * alpha + beta) * _eta_share(self.footprint.nearest.depth, active.receivers, eta)).sum()
+            top = ((2 * alpha + beta) * _eta_share(self.footprint.nearest.depth.at(active.receivers), eta)).sum()
         alpha, beta = alpha.sum(), beta.sum()
         if not any(t.beta for t in self.terms):
             return top - alpha
         sides = self.footprint.sides
-        blend = sides.depth.blend(eta)
-        spans = sides.right[active.right] / blend[active.right], sides.left[active.left] / blend[active.left]
-        shares = (_eta_share(sides.depth, i, eta) for i in (active.right, active.left))
+        depths = [sides.depth.at(i) for i in (active.right, active.left)]
+        chosen = picked(sides.right, active.right), picked(sides.left, active.left)
+        spans = [side / depth.blend(eta) for side, depth in zip(chosen, depths, strict=True)]
+        shares = (_eta_share(depth, eta) for depth in depths)
         width = spans[0] + spans[1]
         # A body without width has no lateral error: its width does not change.
         falling = sum(span * share for span, share in zip(spans, shares, strict=True))
@@ -121,26 +124,28 @@ class LogNorm(eqx.Module):
         return self.footprint.moments
 
     def _receivers(self, term: Term, eta: Array) -> Array:
-        nearest = self.footprint.nearest
+        return self._receiver(term, self.footprint.nearest.z, self.footprint.nearest.depth, eta)
+
+    def _receiver(self, term: Term, z: Array, depth: LightDepth, eta: Array) -> Array:
         k, r = 2 * term.alpha + term.beta, term.alpha + term.beta
-        present = jnp.isfinite(nearest.z)
-        blend = jnp.where(present, nearest.depth.blend(eta), 1)
-        return jnp.where(present, k * jnp.log(blend) - r * jnp.log(jnp.where(present, nearest.z, 1)), -jnp.inf)
+        present = jnp.isfinite(z)
+        blend = jnp.where(present, depth.blend(eta), 1)
+        return jnp.where(present, k * jnp.log(blend) - r * jnp.log(jnp.where(present, z, 1)), -jnp.inf)
 
     def _scale(self, term: Term, u: Array, right: Array, left: Array) -> Array:
         total = term.log_factor - term.alpha * u
         if not term.beta:
             return total
-        sides = self.footprint.sides
-        blend = sides.depth.blend(jnp.exp(u))
-        width = sides.right[right] / blend[right] + sides.left[left] / blend[left]
+        sides, eta = self.footprint.sides, jnp.exp(u)
+        spans = [picked(sides.right, right), picked(sides.left, left)]
+        width = spans[0] / sides.depth.at(right).blend(eta) + spans[1] / sides.depth.at(left).blend(eta)
         return total + term.beta * jnp.where(width > 0, jnp.log(jnp.where(width > 0, width, 1)), -jnp.inf)
 
 
-def _eta_share(depth: LightDepth, i: Array, eta: Array) -> Array:
-    """d log A / d log eta of one entry: the eta part of A over A."""
-    part = depth.one_minus_delta[i] * eta
-    return part / (part + depth.delta[i])
+def _eta_share(depth: LightDepth, eta: Array) -> Array:
+    """d log A / d log eta: the eta part of A over A."""
+    part = depth.one_minus_delta * eta
+    return part / (part + depth.delta)
 
 
 def _polynomial_slope(moments: Moments, eta: Array) -> Array:

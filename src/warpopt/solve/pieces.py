@@ -126,8 +126,9 @@ def settled(log_norm: PiecewiseLog, found: Array, eps: float) -> tuple[Array, Ar
     """
     fixed = jax.lax.stop_gradient(log_norm)
     reach = 4 * eps**0.5
+    # Mapped, here and below, over the pieces below, at and above the root: each formula is compiled once.
     near = jax.vmap(fixed.active)(jnp.stack([found - reach, found, found + reach]))
-    below, active, above = (jax.tree.map(lambda v, i=i: v[i], near) for i in range(3))
+    below, above = (jax.tree.map(lambda v, i=i: v[i], near) for i in (0, 2))
     both = jax.tree.map(lambda v: v[::2], near)
     same_top, same_sides = below.same_top(above), below.same_sides(above)
 
@@ -136,23 +137,23 @@ def settled(log_norm: PiecewiseLog, found: Array, eps: float) -> tuple[Array, Ar
         slope = jnp.where(usable, jax.lax.stop_gradient(slope), 1)
         return jnp.where(usable, -gap / slope, 0)
 
+    def slope_and_curvature(active):
+        return jax.jvp(lambda v: log_norm.slope(v, active), (found,), (jnp.ones_like(found),))
+
     # Where two pieces meet: the crossing of their values, if the minimum is there (one falls, one rises).
     values = jax.vmap(log_norm.value, (None, 0))(found, both)
-    slopes = jax.vmap(fixed.slope, (None, 0))(found, both)
-    crossing = found + step(values[0] - values[1], slopes[0] - slopes[1], slopes[0] != slopes[1])
-    at = jax.lax.stop_gradient(crossing)
-    met = ~(same_top & same_sides) & (jnp.abs(at - found) <= 2 * reach)
-    slopes = jax.vmap(fixed.slope, (None, 0))(at, both)
-    met = met & (slopes[0] <= 0) & (slopes[1] >= 0)
+    slopes, curvatures = jax.vmap(slope_and_curvature)(near)
+    crossing = found + step(values[0] - values[1], slopes[0] - slopes[2], slopes[0] != slopes[2])
     # Where one piece is stationary.
-    curvature = jax.jvp(lambda v: fixed.slope(v, active), (found,), (jnp.ones_like(found),))[1]
-    stationary = found + step(log_norm.slope(found, active), curvature, curvature > eps**0.5)
-    at = jax.lax.stop_gradient(stationary)
-    stationary = jnp.where(jnp.abs(at - found) <= reach, stationary, found)
+    stationary = found + step(slopes[1], curvatures[1], curvatures[1] > eps**0.5)
+    stationary = jnp.where(jnp.abs(jax.lax.stop_gradient(stationary) - found) <= reach, stationary, found)
+    meeting, resting = jax.lax.stop_gradient((crossing, stationary))
+    slopes = jax.vmap(fixed.slope)(jnp.stack([meeting, resting, meeting]), near)
+    met = ~(same_top & same_sides) & (jnp.abs(meeting - found) <= 2 * reach)
+    met = met & (slopes[0] <= 0) & (slopes[2] >= 0)
     u = jnp.where(met, crossing, stationary)
-    at = jax.lax.stop_gradient(u)
-    values = jax.vmap(fixed.value, (None, 0))(at, both)
-    gap = jnp.where(met, values[0] - values[1], fixed.slope(at, active))
+    values = jax.vmap(fixed.value, (None, 0))(meeting, both)
+    gap = jnp.where(met, values[0] - values[1], slopes[1])
     outcome = jnp.where(met, jnp.where(same_top, Outcome.kink, Outcome.tie), Outcome.stationary)
     return u, outcome, jnp.abs(gap)
 

@@ -11,10 +11,10 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from .._checks import Numbers, checked, float_arrays, joint_shape
-from .._numerics import compiled, horner
+from .._numerics import compiled, horner, picked
 from .._words import shown
 from .view_frustum import ViewFrustum
 
@@ -34,6 +34,10 @@ class LightDepth(NamedTuple):
     def blend(self, eta: Float[Array, "..."]) -> Float[Array, "..."]:
         """A = (1 - delta) eta + delta: z_w up to the factor mu / (1 - eta); 1 everywhere for no warp."""
         return self.one_minus_delta * eta + self.delta
+
+    def at(self, i: Int[Array, "..."]) -> "LightDepth":
+        """Of one entry, or of some, by an index that is in bounds."""
+        return LightDepth(picked(self.delta, i), picked(self.one_minus_delta, i))
 
 
 def checked_theta(theta: Numbers, frustum: Any) -> Float[Array, "..."]:

@@ -1,11 +1,11 @@
 """A plane as receivers: outdoors, what a camera sees most of."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..._checks import Numbers, checked, float_arrays, is_traced
+from ..._numerics import compiled
 from ...objective import Objective
 from ...theory.camera import Camera, DirectionalLight, normalised
 from ...theory.light_frame import LightFrame
@@ -66,7 +66,7 @@ class GroundPlane(Receivers):
 
     def places(self, camera: Camera) -> tuple[Float[Array, "N 3"], Float[Array, " N"]]:
         """See `Receivers`: the polygon's vertices."""
-        points, there, _ = self._polygon(camera)
+        points, there, _ = _polygon(camera, self)
         return points, there.astype(points.dtype)
 
     def nearness(self, camera: Camera, frame: LightFrame, bins: int) -> float:
@@ -101,6 +101,6 @@ class GroundPlane(Receivers):
         return edges_between(planes, ground, planes, ~np.eye(len(planes), dtype=bool))
 
 
-@jax.jit
+@compiled
 def _polygon(camera: Camera, plane: GroundPlane) -> tuple[Array, Array, Array]:
     return plane._polygon(camera)

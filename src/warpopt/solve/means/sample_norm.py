@@ -30,7 +30,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from ..._numerics import power
+from ..._numerics import picked, power
 from ..._parallel import wide
 from ...receivers.footprint import Footprint
 from ...receivers.samples import Normal, Samples
@@ -174,7 +174,7 @@ class SampleNorm(eqx.Module):
         sides = self.footprint.sides
 
         def span(side: Array, i: Array) -> Array:
-            return side[i] / (sides.depth.one_minus_delta[i] * eta + sides.depth.delta[i])
+            return picked(side, i) / sides.depth.at(i).blend(eta)
 
         return span(sides.right, right) + span(sides.left, left)
 
