@@ -42,11 +42,11 @@ class Settings(eqx.Module):
     jump: Float[Array, ""]
     check_every: Int[Array, ""]
     forget_after: Int[Array, ""]
-    plane: Float[Array, "4"]  # normal and offset in the world, if it is given
+    plane: Float[Array, "4"]  # normal and offset in the world; a normal of 0 if none is given
+    across_light: Bool[Array, ""]  # whether the anchor plane is the light's
+    scroll: Bool[Array, ""]
+    warp: Bool[Array, ""]
     checksum: UInt32[ArrayLike, ""]
-    anchor: str = eqx.field(static=True)  # "fit", "light" or "given"
-    scroll: bool = eqx.field(static=True)
-    warp: bool = eqx.field(static=True)
     clip_space: ClipSpace = eqx.field(static=True)
 
 
@@ -86,8 +86,7 @@ def update_window(
     offset, fits = place(last)
     _, fits_before = place(jnp.asarray(jnp.inf, dtype))
     can_move = fits
-    if not window.scroll:
-        fits = fits & (offset == state.offset).all()
+    fits = fits & (window.scroll | (offset == state.offset).all())
     moved = jnp.sqrt(((camera.position - state.pencil.origin - state.eye) ** 2).sum())
 
     reason = jnp.asarray(Reason.FITS, jnp.int32)
@@ -178,9 +177,9 @@ def _fitted(
     """A window over this frame's receivers, and the loss of the map that there is."""
     solution = solve_scene(view, objective, jnp.asarray(_MIN_ETA, view.camera.position.dtype))
     value, warp = solution.value, solution.warp
-    if not window.warp:
-        one = jnp.ones_like(warp.eta)
-        warp, value = Warp(one, 0 * one, warp.start, warp.mu, warp.defined), solution.unwarped
+    plain = Warp(jnp.ones_like(warp.eta), jnp.zeros_like(warp.eta), warp.start, warp.mu, warp.defined)
+    warp = jax.tree.map(lambda own, none: jnp.where(window.warp, own, none), warp, plain)
+    value = jnp.where(window.warp, value, solution.unwarped)
     pencil = Pencil.fitted(view.camera, solution.frame, solution.footprint, warp)
     # With the margin on both sides; beyond the far end less where the horizon is near.
     half = window.margin / 2
@@ -207,22 +206,19 @@ def _fitted(
 def _plane(window: Settings, view: SceneView) -> Array:
     """The anchor plane, relative to the eye."""
     camera, light = view.camera, view.light.direction
-    if window.anchor == "given":
-        normal, offset = window.plane[:3], window.plane[3]
-        return jnp.append(normal, normal @ camera.position - offset)
     points, weights = view.receivers.places(camera)
     z = jnp.where(weights > 0, points[:, 2], 1)
     share = jnp.where(weights > 0, weights / (z * z), 0)
     share = share / _positive(share.sum())
     centre = share @ jnp.where((weights > 0)[:, None], points, 0)
     off = jnp.where((weights > 0)[:, None], points - centre, 0)
-    normal = light
-    if window.anchor == "fit":
-        _, vectors = jnp.linalg.eigh((off * share[:, None]).T @ off)
-        fitted = vectors[:, 0] @ camera.rotation
-        fitted = fitted * jnp.where(fitted @ light < 0, -1, 1)
-        normal = jnp.where(fitted @ light > _LEAST_SLOPE, fitted, light)
-    return jnp.append(normal, -normal @ (centre @ camera.rotation))
+    _, vectors = jnp.linalg.eigh((off * share[:, None]).T @ off)
+    fitted = vectors[:, 0] @ camera.rotation
+    fitted = fitted * jnp.where(fitted @ light < 0, -1, 1)
+    normal = jnp.where((fitted @ light > _LEAST_SLOPE) & ~window.across_light, fitted, light)
+    own = jnp.append(normal, -normal @ (centre @ camera.rotation))
+    given = window.plane.at[3].set(window.plane[:3] @ camera.position - window.plane[3])
+    return jnp.where((window.plane[:3] != 0).any(), given, own)
 
 
 def _depth(old: Array, level: Array, needed: Array, refit: Array) -> Array:
