@@ -23,6 +23,7 @@ from warpopt.app.scene.settings import SceneConfig
 from warpopt.app.sweep import run
 from warpopt.app.sweep.settings import RunConfig
 from warpopt.app.table.settings import TableConfig
+from warpopt.bound import BoundMap
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 SMALL = """
@@ -215,7 +216,7 @@ def test_limit_writes_a_map_that_reads_back(folder, capsys):
     assert "E_p, norm inf, measure screen: 7.97639" in printed
     assert "2.15 times" in printed
     for name in ("new/best.csv", "best.json"):
-        assert warpopt.BoundMap.load(name).value == pytest.approx(math.sqrt(3) * math.log(100), rel=1e-13)
+        assert BoundMap.load(name).value == pytest.approx(math.sqrt(3) * math.log(100), rel=1e-13)
     (folder / "mine.csv").write_text("1, 2")
     for files, words in (
         ([], "files: got none"),

@@ -15,6 +15,7 @@ from twin import mp, mpf
 
 import warpopt
 from warpopt import FrustumView, Objective, SceneView, lower_bound, lower_bound_map
+from warpopt.bound import BoundMap
 from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, PointReceivers
 from warpopt.receivers.profiles.slices import Solid, body_shares
 from warpopt.theory import LightFrame
@@ -275,7 +276,7 @@ def test_the_table_attains_the_limit_and_is_written_whole(tmp_path, norm, measur
     with np.load(paths[0]) as file:
         np.testing.assert_array_equal(file["delta"], best.delta)
     for path in paths:
-        back = warpopt.BoundMap.load(path)
+        back = BoundMap.load(path)
         back.save(path)
         assert path.read_bytes() == {p: p.read_bytes() for p in paths}[path]
         assert (back.value, back.order, back.measure, back.mu) == (best.value, best.order, measure, best.mu)
@@ -306,7 +307,7 @@ def test_a_file_that_is_no_map_is_refused_in_words(tmp_path, name, change, words
         path.write_bytes(change(original))
         assert name == "map.txt" or path.read_bytes() != original
     with pytest.raises(ValueError, match=words):
-        warpopt.BoundMap.load(path)
+        BoundMap.load(path)
 
 
 def camera_and_light(degrees, seed=None):

@@ -27,6 +27,7 @@ from warpopt import (
     optimal_warp,
     shadow_matrix,
 )
+from warpopt.bound import BoundMap
 from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, PointReceivers, WholeFrustum
 from warpopt.theory import Extent
 
@@ -313,7 +314,7 @@ CASES = [
             ("local warp", lambda: warpopt.theory.local_aliasing_error(FRUSTUM, 0.5, 2.0), "warp: got 0.5"),
             ("screen", lambda: warpopt.theory.screen_coordinates(CAMERA, 0.0, 0.0, 1.0), "frustum: got Camera"),
             ("BoundMap", lambda: lower_bound_map(VIEW)("x"), "delta: got 'x'"),
-            ("BoundMap.load", lambda: warpopt.BoundMap.load(5), "path: got 5"),
+            ("BoundMap.load", lambda: BoundMap.load(5), "path: got 5"),
             ("LambdaTable.load", lambda: warpopt.LambdaTable.load(None), "path: got None"),
             ("BoundMap.save", lambda: lower_bound_map(VIEW).save(5), "path: got 5"),
         )

@@ -10,12 +10,12 @@ __version__ = "0.1.0"
 
 _HOME = {
     "receivers": "",
+    "cascades": "",
     "rules": "",
     "stable": "",
     "theory": "",
     "lower_bound": "bound.lower_bound",
     "lower_bound_map": "bound.lower_bound",
-    "BoundMap": "bound.map",
     "compare_rules": "compare.compare_rules",
     "export_closed_form": "export.sources",
     "export_source": "export.sources",
@@ -44,9 +44,8 @@ _HOME = {
 __all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 
 if TYPE_CHECKING:
-    from . import receivers, rules, stable, theory
+    from . import cascades, receivers, rules, stable, theory
     from .bound.lower_bound import lower_bound, lower_bound_map
-    from .bound.map import BoundMap
     from .compare.compare_rules import compare_rules
     from .export.sources import export_closed_form, export_source
     from .objective import Metric, Objective

@@ -13,6 +13,7 @@ from typing import Literal, NoReturn
 import pydantic
 import tyro
 
+from .cascades.command import Cascades
 from .common.command import Failed, Plain
 from .common.jax_settings import CACHE_VARIABLE
 from .common.settings import ConfigError
@@ -29,16 +30,19 @@ from .table.command import Table
 class Schema(Plain):
     """A configuration's JSON schema."""
 
-    of: Literal["run", "scene", "frames", "table", "compare"] = "run"
+    of: Literal["run", "scene", "frames", "table", "compare", "cascades"] = "run"
     """The command that reads the configuration."""
 
     def run(self) -> int:
-        command = {"run": Run, "scene": Scene, "frames": Frames, "table": Table, "compare": Compare}[self.of]
+        commands = {
+            "run": Run, "scene": Scene, "frames": Frames, "table": Table, "compare": Compare, "cascades": Cascades,
+        }  # fmt: skip
+        command = commands[self.of]
         print(json.dumps(pydantic.TypeAdapter(command.model()).json_schema(), indent=2))
         return 0
 
 
-Command = Run | Scene | Frames | Table | Compare | Export | Solve | Rules | Limit | Schema
+Command = Run | Scene | Frames | Table | Compare | Cascades | Export | Solve | Rules | Limit | Schema
 
 
 def parsed(arguments: list[str] | None = None) -> tuple[Command, list[str]]:

@@ -1,1 +1,3 @@
-"""Lower bounds for any map."""
+"""What no map could better: lower bounds, and the map that attains one."""
+
+from .map import BoundMap as BoundMap

@@ -208,12 +208,13 @@ class StableWindow:
         # On the host: they go to the device with the call.
         real: Any = functools.partial(np.asarray, dtype=dtype)
         whole: Any = functools.partial(np.asarray, dtype=np.int32)
+        truth: Any = functools.partial(np.asarray, dtype=bool)
         plane = np.zeros(4) if isinstance(self.anchor, str) else self.anchor
         return Settings(
             margin=real(self.margin), tolerance=real(self.tolerance), ahead=real(self.ahead), jump=real(self.jump),
             padding=whole(self.padding), check_every=whole(self.check_every), forget_after=whole(self.forget_after),
-            plane=real(plane), across_light=np.asarray(self.anchor == "light"), scroll=np.asarray(self.scroll),
-            warp=np.asarray(self.warp), checksum=np.asarray(self.checksum, np.uint32),
+            plane=real(plane), across_light=truth(self.anchor == "light"), scroll=truth(self.scroll),
+            warp=truth(self.warp), checksum=np.asarray(self.checksum, np.uint32),
             clip_space=checked_clip_space(self.clip_space),
         )  # fmt: skip
 

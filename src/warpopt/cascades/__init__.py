@@ -1,0 +1,7 @@
+"""Several maps, split by view depth: where to split, each map's warp, and how far from the best a choice is."""
+
+from . import splits as splits
+from .counts import count
+from .plan import Plan, errors, plan
+
+__all__ = ["Plan", "count", "errors", "plan"]

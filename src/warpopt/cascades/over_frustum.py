@@ -1,0 +1,139 @@
+"""Cascades of whole frusta: pieces are similar about the eye, so an error depends on far/near alone."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._checks import assembled
+from ..objective import DENSITY_EXPONENT, Objective
+from ..solve.chunks import in_blocks
+from ..solve.frusta import Method, norms_over_frusta, solve_frusta
+from ..theory.view_frustum import ViewFrustum
+from ..theory.warp import Warp
+from ..views import FrustumView
+from .chain import best_chain, between
+
+_GRID, _ZOOM, _ZOOMS = 96, 8, 8  # depths tried at first; each zoom has so many between two, on both sides
+_STEPS = 60  # of bisection: to the last bit
+
+
+def pieces(view: FrustumView, starts: Array, ends: Array) -> tuple[ViewFrustum, Array]:
+    """(the pieces as frusta, the light's angle), with a last axis for cascades."""
+    phi, theta, starts = jnp.broadcast_arrays(view.frustum.half_fov[..., None], view.theta[..., None], starts)
+    return assembled(ViewFrustum, near=starts, far=jnp.broadcast_to(ends, starts.shape), half_fov=phi), theta
+
+
+def errors_over_frusta(
+    view: FrustumView, starts: Float[Array, "... K"], ends: Float[Array, "... K"], objective: Objective, warp: bool
+) -> tuple[Float[Array, "... K"], Warp]:
+    """(the norm in each piece, its warp), with the best warp or without; 0 for pieces of no length."""
+    there = ends > starts
+    frustum, theta = pieces(view, starts, jnp.where(there, ends, 2 * starts))
+    solution = in_blocks(solve_frusta, (frustum, theta), objective, Method())
+    if warp:
+        return jnp.where(there, solution.value, 0), solution.warp
+    one = jnp.ones_like(solution.warp.eta)
+    plain = Warp(one, 0 * one, solution.warp.start, solution.warp.mu, solution.warp.defined)
+    values, _ = in_blocks(norms_over_frusta, (frustum, theta, plain), objective, Method())
+    return jnp.where(there, values, 0), plain
+
+
+def masses(starts: Array, ends: Array, near: Array, far: Array, objective: Objective) -> Float[Array, "... K"]:
+    """Each piece's part of the measure over the whole frustum: of z^(2 - m) dz, or dz on the axis."""
+    h = 1.0 if objective.measure == "axis" else 3 - DENSITY_EXPONENT[objective.measure]
+
+    def integral(a: Array, b: Array) -> Array:
+        length = jnp.log(b / a)
+        return length if h == 0 else a**h * jnp.expm1(h * length) / h
+
+    return integral(starts, ends) / integral(near, far)[..., None]
+
+
+def splits_of_shares(
+    view: FrustumView, objective: Objective, shares: np.ndarray, overlap: float, warp: bool
+) -> Float[Array, "... K+1"]:
+    """Maps of unequal resolution in L-inf: all errors over shares equal, or a cascade unused (theory2 section 1, (c)).
+
+    Bisection over the common error, and in each share over the ratio whose error that is: g grows with the ratio.
+    """
+    return _balanced(view, jnp.asarray(shares), overlap, objective, warp)
+
+
+@functools.partial(jax.jit, static_argnames=("objective", "warp"))
+def _balanced(view: FrustumView, shares: Array, overlap: Array | float, objective: Objective, warp: bool) -> Array:
+    near, far = jnp.broadcast_arrays(view.frustum.near, view.frustum.far, view.theta)[:2]
+    whole = jnp.log(far / near) - (len(shares) - 1) * jnp.log1p(-overlap)
+    power = objective.metric.alpha + objective.metric.beta
+    scale = shares.astype(near.dtype) ** power
+    fixed = FrustumView(ViewFrustum(jnp.ones_like(near), 2 * jnp.ones_like(near), view.frustum.half_fov), view.theta)
+
+    def error(u: Array) -> Array:  # (..., K): of a piece of ratio exp(u)
+        return errors_over_frusta(fixed, jnp.ones_like(u), jnp.exp(u), objective, warp)[0]
+
+    top = error(jnp.broadcast_to(whole[..., None], (*whole.shape, 1)))[..., 0] / scale.min()
+    low, high = jnp.zeros_like(top), top
+
+    def lengths(level: Array) -> Array:
+        small = jnp.zeros((*level.shape, len(shares)), level.dtype)
+        large = jnp.broadcast_to(whole[..., None], small.shape)
+
+        def halved(_, ends):
+            small, large = ends
+            middle = (small + large) / 2
+            fits = error(middle) <= level[..., None] * scale
+            return jnp.where(fits, middle, small), jnp.where(fits, large, middle)
+
+        return jax.lax.fori_loop(0, _STEPS, halved, (small, large))[0]
+
+    def tighter(_, ends):
+        low, high = ends
+        middle = (low + high) / 2
+        enough = lengths(middle).sum(-1) >= whole
+        return jnp.where(enough, low, middle), jnp.where(enough, middle, high)
+
+    low, high = jax.lax.fori_loop(0, _STEPS, tighter, (low, high))
+    u = lengths(high)
+    u = u * (whole / u.sum(-1))[..., None]  # rounding of the two bisections
+    ends = jnp.cumsum(u, -1) + jnp.arange(len(shares)) * jnp.log1p(-overlap)
+    made = near[..., None] * jnp.exp(jnp.concatenate([jnp.zeros_like(ends[..., :1]), ends], -1))
+    return made.at[..., -1].set(far)
+
+
+def splits_of_means(
+    view: FrustumView, objective: Objective, shares: np.ndarray, overlap: float, warp: bool
+) -> Float[Array, "... K+1"]:
+    """The least L_P norm: the sum over cascades of the mean of E^P times the measure, by a dynamic programme.
+
+    Over a grid of depths that is even in log z the best chain of cascades is found, then again over finer grids about
+    it. That no better chain lies elsewhere is not proved (theory2's Theorem 7 is a necessary condition).
+    """
+    near, far = jnp.broadcast_arrays(view.frustum.near, view.frustum.far, view.theta)[:2]
+    power = objective.metric.alpha + objective.metric.beta
+    weights = jnp.asarray(shares, near.dtype) ** (-power * objective.order)
+    low = jnp.broadcast_to(near[..., None], (*near.shape, len(shares) - 1))
+    high, found = jnp.broadcast_to(far[..., None], low.shape), low
+    for points in (_GRID, *[2 * _ZOOM + 1] * _ZOOMS):
+        low, high, found = _chain(view, low, high, weights, overlap, objective, warp, points)
+    return jnp.concatenate([near[..., None], found, far[..., None]], -1)
+
+
+@functools.partial(jax.jit, static_argnames=("objective", "warp", "points"))
+def _chain(
+    view: FrustumView, low: Array, high: Array, weights: Array, overlap: Array | float, objective: Objective,
+    warp: bool, points: int,
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """(the depths on a grid beside the best ones, below and above; the best chain of depths) between two chains."""
+    near, far = jnp.broadcast_arrays(view.frustum.near, view.frustum.far, view.theta)[:2]
+    P = objective.order
+
+    def cost(a: Array, b: Array, k: Array) -> Array:
+        start = jnp.where(k > 0, jnp.maximum(a * (1 - overlap), near[..., None]), a)
+        each = errors_over_frusta(view, start, b, objective, warp)[0]
+        whole = weights[k] * masses(a, b, near, far, objective) * each**P
+        return jnp.where(b > a, whole, jnp.where(b == a, 0, jnp.inf))
+
+    found, below, above = best_chain(near, far, between(low, high, points), cost)
+    return below, above, found

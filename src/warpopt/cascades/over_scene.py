@@ -1,0 +1,234 @@
+"""Cascades over receivers: the errors of any range of view depths, and the splits that equalise or minimise them.
+
+A range of depths is the same view with other near and far planes, so every kind of receivers can be split, and each
+cascade is an `optimal_warp`. To find splits, many receivers are first reduced to points (`sketch`), few are taken one
+by one; what is found is then solved over the receivers themselves, so that errors and certificate are theirs.
+"""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._checks import assembled
+from ..objective import Objective
+from ..receivers.depth_buffer import DepthBuffer
+from ..receivers.points import PointReceivers
+from ..receivers.weighted.cells import EXACT
+from ..solve.scene import settled_scene, solve_scene
+from ..solve.solution import SceneSolution
+from ..views import SceneView, one_light
+from .chain import best_chain, between
+
+_MIN_ETA = 1e-4
+_STEPS = 48  # of bisection over the common error: its interval shrinks to rounding
+_POINTS = 17  # depths that each split may have, even in the logarithm: of the whole range, then of two steps of it
+_ROUNDS = 4
+_GRID = 4097  # depths to split a body at, or many pixels: far/near of 1e4 in steps of a quarter per cent
+
+
+def within(view: SceneView, near: Float[Array, ""], far: Float[Array, ""]) -> SceneView:
+    """The same view with the receivers of a range of view depths alone."""
+    receivers = view.receivers
+    if isinstance(receivers, DepthBuffer):
+        # Encoded depths need the camera's own planes: decoded first, with what lies outside as background.
+        z = receivers.eye_depth(view.camera)
+        z = jnp.where((z >= near) & (z <= far), z, jnp.inf)
+        receivers = eqx.tree_at(lambda r: r.depth, _linear(receivers), z)
+        return eqx.tree_at(lambda v: v.receivers, view, receivers)
+    near, far = (jnp.asarray(v, view.camera.near.dtype) for v in (near, far))
+    return eqx.tree_at(lambda v: (v.camera.near, v.camera.far), view, (near, far))
+
+
+def _linear(buffer: DepthBuffer) -> DepthBuffer:
+    """The buffer as one of eye depths."""
+    return assembled(DepthBuffer, depth=buffer.depth, encoding="linear", weights=buffer.weights)
+
+
+@jax.jit
+def _extent(view: SceneView) -> tuple[Array, Array]:
+    return view.receivers.depth_extent(view.camera)
+
+
+def depth_range(view: SceneView) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """(nearest, farthest) view depth of the receivers; (inf, -inf) for none."""
+    return _extent(one_light(view))
+
+
+def errors_over_scene(
+    view: SceneView, starts: Array, splits: Array, objective: Objective, warp: bool
+) -> tuple[SceneView, SceneSolution, Array | None]:
+    """(each cascade's view, its solution, each one's part of all weights for a mean), stacked."""
+    settled_scene(view, objective)
+    ends = splits[1:]
+    views = _views(view, starts, ends)
+    solutions = _solved(views, objective)
+    mass = None
+    if not objective.supremum:
+        mass = _masses(view, splits, objective)
+    if view.searched:
+        views = jax.vmap(lambda v, s: v.along(s))(views, solutions)
+    return views, solutions, mass
+
+
+@jax.jit
+def _views(view: SceneView, starts: Array, ends: Array) -> SceneView:
+    return jax.vmap(lambda a, b: within(view, a, b))(starts, ends)
+
+
+@functools.partial(jax.jit, static_argnames=("objective",))
+def _solved(views: SceneView, objective: Objective) -> SceneSolution:
+    # One after the other: a pass over many receivers uses all cores.
+    return jax.lax.map(lambda v: solve_scene(v, objective, jnp.asarray(_MIN_ETA, v.camera.near.dtype)), views)
+
+
+@functools.partial(jax.jit, static_argnames=("objective",))
+def _masses(view: SceneView, splits: Array, objective: Objective) -> Array:
+    """Each cascade's part of all weights; a receiver at a split is the nearer cascade's."""
+    points, weights, _ = view.receivers.counted(view.camera, objective)
+    place = jnp.searchsorted(splits[1:-1], points[:, 2])
+    total = weights.sum()
+    return jax.ops.segment_sum(weights, place, len(splits) - 1) / jnp.where(total > 0, total, 1)
+
+
+def splits_of_scene(
+    view: SceneView, count: int, objective: Objective, shares: np.ndarray, overlap: float, warp: bool
+) -> Float[Array, " K1"]:
+    """The splits of least error; the receivers' range for one cascade, all at its end for empty ones."""
+    settled_scene(view, objective)
+    least, largest = depth_range(view)
+    if not float(least) <= float(largest):  # no receivers: nothing to split
+        near, far = view.camera.near, view.camera.far
+        return jnp.stack([near, *[jnp.where(jnp.isfinite(far), far, 2 * near)] * count])
+    ends = jnp.stack([least, largest])
+    if count == 1 or float(least) == float(largest):
+        return jnp.concatenate([ends[:1], jnp.broadcast_to(ends[1], count)])
+    power = 2.0 if objective.storage else 1.0
+    if objective.terms and not objective.storage:
+        power = objective.terms[0].alpha + objective.terms[0].beta
+    scale = jnp.asarray(shares**power, ends.dtype)
+    fixed = _fixed(view, objective)
+    if objective.supremum:
+        return _equalised(fixed, ends, scale, overlap, objective, warp)
+    return _least_sum(fixed, ends, scale, overlap, objective, warp)
+
+
+@functools.partial(jax.jit, static_argnames=("objective",))
+def _fixed(view: SceneView, objective: Objective) -> SceneView:
+    """The view over few receivers, along one direction for all cascades."""
+    if view.searched:
+        view = view.along(solve_scene(view, objective, jnp.asarray(_MIN_ETA, view.camera.near.dtype)))
+    receivers = view.receivers.sketch(view.camera, objective)
+    return eqx.tree_at(lambda v: v.receivers, view, receivers)
+
+
+def _error(view: SceneView, near: Array, far: Array, objective: Objective, warp: bool) -> Array:
+    solution = solve_scene(within(view, near, far), objective, jnp.asarray(_MIN_ETA, near.dtype))
+    return solution.value if warp else solution.unwarped
+
+
+@functools.partial(jax.jit, static_argnames=("objective", "warp"))
+def _equalised(view: SceneView, ends: Array, scale: Array, overlap: float, objective: Objective, warp: bool) -> Array:
+    """L-inf: from the front each cascade is as long as a common error allows; bisection over that error.
+
+    Errors grow with what a cascade holds (theory2's Theorem 1), so the longest is right, and found by bisection over
+    depths between receivers.
+    """
+    depths = _depths(view, ends)
+    count, last = len(scale), len(depths) - 1
+    starts = jnp.maximum(depths * (1 - overlap), ends[0])
+
+    def error(i: Array, j: Array, k: Array) -> Array:
+        start = jnp.where(k == 0, depths[i], starts[i])
+        return jnp.where(j > i, _error(view, start, depths[jnp.maximum(j, i + 1)], objective, warp), 0) / scale[k]
+
+    def longest(level: Array, i: Array, k: Array) -> tuple[Array, Array]:
+        """(the largest j whose cascade from i has at most this error, its error)."""
+
+        def step(_, state):
+            low, high, found = state
+            middle = (low + high + 1) // 2
+            value = error(i, middle, k)
+            fits = value <= level
+            return jnp.where(fits, middle, low), jnp.where(fits, high, middle - 1), jnp.where(fits, value, found)
+
+        steps = int(np.ceil(np.log2(last + 1))) + 1
+        zero = jnp.zeros((), ends.dtype)
+        low, _, found = jax.lax.fori_loop(0, steps, step, (i, jnp.full_like(i, last), zero))
+        return low, found
+
+    def greedy(level: Array) -> tuple[Array, Array]:
+        """(where each cascade ends, the largest error found)."""
+
+        def one(i: Array, k: Array):
+            j, found = longest(level, i, k)
+            return j, (j, found)
+
+        _, (at, found) = jax.lax.scan(one, jnp.zeros((), jnp.int32), jnp.arange(count, dtype=jnp.int32))
+        return at, found.max()
+
+    top = _error(view, ends[0], ends[1], objective, warp) / scale.min() * (1 + 1e-9)
+    whole, most = greedy(top)
+
+    def narrower(state):
+        low, high, at, step = state
+        middle = jnp.where(low > 0, jnp.sqrt(low) * jnp.sqrt(high), high / 16)
+        found, value = greedy(middle)
+        reached = found[-1] == last
+        # On success the level falls to what was attained.
+        high = jnp.where(reached, jnp.minimum(value, middle), high)
+        return jnp.where(reached, low, middle), high, jnp.where(reached, found, at), step + 1
+
+    def wide(state):
+        low, high, _, step = state
+        return (step < _STEPS) & (high > low * (1 + 4 * jnp.finfo(ends.dtype).eps)) & (high > 0)
+
+    state = jnp.zeros_like(top), most, whole, jnp.zeros((), jnp.int32)
+    _, _, at, _ = jax.lax.while_loop(wide, narrower, state)
+    return jnp.concatenate([ends[:1], depths[at[:-1]], ends[1:]])
+
+
+def _depths(view: SceneView, ends: Array) -> Array:
+    """Depths to split at: between every two receivers if they are few, else even in the logarithm."""
+    points, there = view.receivers.places(view.camera)
+    if isinstance(view.receivers, PointReceivers) and len(points) <= EXACT:
+        z = jnp.sort(jnp.where(there > 0, points[:, 2], ends[1]))
+        between = jnp.sqrt(z[:-1]) * jnp.sqrt(z[1:])
+        return jnp.concatenate([ends[:1], jnp.clip(between, *ends), ends[1:]])
+    return ends[0] * jnp.exp(jnp.log(ends[1] / ends[0]) * jnp.linspace(0, 1, _GRID, dtype=ends.dtype))
+
+
+def _least_sum(view: SceneView, ends: Array, scale: Array, overlap: float, objective: Objective, warp: bool) -> Array:
+    """Means: a dynamic programme over bins of depth, then over finer ones about each split."""
+    low, high = (jnp.broadcast_to(end, len(scale) - 1) for end in ends)
+    found = low
+    for _ in range(_ROUNDS):
+        found, low, high = _chain(view, ends, low, high, scale, overlap, objective, warp)
+    return jnp.concatenate([ends[:1], found, ends[1:]])
+
+
+@functools.partial(jax.jit, static_argnames=("objective", "warp"))
+def _chain(
+    view: SceneView, ends: Array, low: Array, high: Array, scale: Array, overlap: Array | float, objective: Objective,
+    warp: bool,
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    P = objective.order
+    places, weights, _ = view.receivers.counted(view.camera, objective)
+    order = jnp.argsort(places[:, 2])
+    z, summed = places[order, 2], jnp.concatenate([jnp.zeros(1, ends.dtype), jnp.cumsum(weights[order])])
+
+    def one(part: tuple[Array, Array, Array]) -> Array:
+        a, b, k = part
+        start = jnp.where(k > 0, jnp.maximum(a * (1 - overlap), ends[0]), a)
+        value = _error(view, start, jnp.maximum(b, start * (1 + 1e-6)), objective, warp)
+        before = jnp.where(a <= ends[0], 0, summed[jnp.searchsorted(z, a, side="right")])
+        whole = (summed[jnp.searchsorted(z, b, side="right")] - before) * (value / scale[k]) ** P
+        return jnp.where(b > a, whole, jnp.where(b == a, 0, jnp.inf))
+
+    def cost(a: Array, b: Array, k: Array) -> Array:
+        return jax.lax.map(one, (a, b, k), batch_size=64)
+
+    return best_chain(ends[0], ends[1], between(low, high, _POINTS), cost)

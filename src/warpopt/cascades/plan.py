@@ -1,0 +1,264 @@
+"""Cascades over a view: splits, the best warp in each, and the certificate."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._checks import Numbers, checked, float_arrays, is_traced
+from .._words import flag, whole_number
+from ..objective import Objective
+from ..render.shadow_matrix import ClipSpace, shadow_matrix
+from ..solve.solution import SceneSolution
+from ..theory.warp import Warp
+from ..views import FrustumView, SceneView, refuse_other
+from .over_frustum import errors_over_frusta, masses, splits_of_means, splits_of_shares
+from .over_scene import depth_range, errors_over_scene, splits_of_scene
+from .splits import MOST, logarithmic
+
+
+class Plan(eqx.Module):
+    """Cascades, with what proves them.
+
+    Attributes:
+        splits: (..., K + 1) view depths at which cascades meet; a receiver belongs to the cascade that holds its depth.
+        starts: (..., K) where each cascade's map begins: nearer than its split, where cascades overlap.
+        warps: the best `Warp` of each cascade, (..., K); eta = 1 without warps.
+        errors: (..., K) each cascade's error over its share of linear resolution (to the metric's power); 0 for a
+            cascade without receivers.
+        value: the largest of them; for an L_P norm, that over all receivers, sum and measure common to all cascades.
+        lower: what no split of as many cascades can better (theory2's Theorem 2); NaN where that is not proved.
+        lower_because: why `lower` holds, or does not.
+        solutions: over a scene, each cascade's `SceneSolution`, stacked; None over a frustum.
+        views: over a scene, each cascade's view; None over a frustum.
+
+    Example:
+        >>> import warpopt
+        >>> view = warpopt.FrustumView(warpopt.ViewFrustum(near=1.0, far=10000.0, half_fov=0.5236), theta=1.0)
+        >>> made = warpopt.cascades.plan(view, count=4)
+        >>> [round(float(z), 6) for z in made.splits], bool(abs(made.lower / made.value - 1) < 1e-12)
+        ([1.0, 10.0, 100.0, 1000.0, 10000.0], True)
+    """
+
+    splits: Float[Array, "... K+1"]
+    starts: Float[Array, "... K"]
+    warps: Warp
+    errors: Float[Array, "... K"]
+    value: Float[Array, "..."]
+    lower: Float[Array, "..."]
+    lower_because: str = eqx.field(static=True)
+    solutions: SceneSolution | None = None
+    views: SceneView | None = None
+
+    def matrices(
+        self, clip_space: ClipSpace | None = None, *, casters: Numbers | None = None,
+        padding: tuple[float, float] = (0.0, 0.0),
+    ) -> tuple[Float[Array, "K 4 4"], Float[Array, " K"]]:  # fmt: skip
+        """(each cascade's `shadow_matrix`, the view depth where each ends), ready for a uniform buffer.
+
+        NaN for a cascade without receivers, which needs no map.
+
+        Args:
+            clip_space, casters, padding: as for `shadow_matrix`.
+
+        Raises:
+            ValueError: a plan over a frustum, which has no place in the world; otherwise as `shadow_matrix`.
+        """
+        if self.views is None or self.solutions is None:
+            raise ValueError("plan: got one over a FrustumView, expected one over a SceneView, which is in the world")
+        made = []
+        for k in range(self.errors.shape[-1]):
+            view, solution = (jax.tree.map(lambda v, k=k: v[k], part) for part in (self.views, self.solutions))
+            matrix = shadow_matrix(view, solution, clip_space, casters=casters, padding=padding)
+            made.append(jnp.where(solution.footprint.empty, jnp.nan, matrix))
+        return jnp.stack(made), self.splits[1:]
+
+
+def plan(
+    view: FrustumView | SceneView,
+    count: int = 4,
+    objective: Objective | None = None,
+    *,
+    overlap: float = 0.0,
+    shares: Numbers | None = None,
+    warp: bool = True,
+) -> Plan:
+    """The cascades of least error, each with its best warp.
+
+    Over a whole frustum in L-inf: equal ratios, exactly (theory2's Theorem 3), also with overlaps and shares. L_P norms
+    over a frustum, and receivers: see `over_frustum` and `over_scene`.
+
+    Args:
+        view: a `FrustumView`, of any shape; or a `SceneView`, whose direction, aspect and lateral fit each cascade has.
+        count: cascades, 1 to 16; 1 is `optimal_warp`.
+        objective: E_p in L-inf if None.
+        overlap: each cascade but the first begins at (1 - overlap) of its split, in [0, 1).
+        shares: (K,) of each cascade's linear resolution, > 0; equal if None.
+        warp: whether cascades are warped.
+
+    Raises:
+        ValueError: arguments out of range, or far/near (1 - overlap) <= 1, for which there are no such cascades.
+
+    Example:
+        >>> import warpopt
+        >>> camera = warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=500.0, half_fov=0.4)
+        >>> ground = warpopt.receivers.PointReceivers([(x, 0, -z) for z in (5, 9, 20, 40, 90) for x in (-1, 1)])
+        >>> made = plan(warpopt.SceneView(camera, warpopt.DirectionalLight((0, -1, 0)), ground), 2)
+        >>> 20 < float(made.splits[1]) < 40, made.matrices()[0].shape
+        (True, (2, 4, 4))
+    """
+    goal, band, parts = _checked(view, count, objective, overlap, shares, warp)
+    if isinstance(view, FrustumView):
+        near, far = _ends(view)
+        _refuse_thin(near, far, band)
+        if count > 1 and not goal.supremum:
+            made = splits_of_means(view, goal, parts, band, warp)
+        elif (parts == parts[0]).all():
+            # With bands the last cascades are as long in ratio as the first: theory2's (b).
+            q = (jnp.log1p((far - near) / near) - (count - 1) * jnp.log1p(-band)) / count
+            k = jnp.arange(count + 1)
+            made = near[..., None] * jnp.exp(k * q[..., None] + jnp.maximum(k - 1, 0) * jnp.log1p(-band))
+            made = made.at[..., -1].set(far) if band else logarithmic(near, far, count)
+        else:
+            made = splits_of_shares(view, goal, parts, band, warp)
+    else:
+        least, largest = depth_range(view)
+        if float(least) < float(largest):
+            _refuse_thin(least, largest, band)
+        made = splits_of_scene(view, count, goal, parts, band, warp)
+    return errors(view, made, goal, overlap=band, shares=parts, warp=warp)
+
+
+def errors(
+    view: FrustumView | SceneView,
+    splits: Numbers,
+    objective: Objective | None = None,
+    *,
+    overlap: float = 0.0,
+    shares: Numbers | None = None,
+    warp: bool = True,
+) -> Plan:
+    """Any split with the best warp of each cascade, or without: its errors, and how far it can be from the best.
+
+    Args:
+        view, objective, overlap, shares, warp: as for `plan`.
+        splits: (..., K + 1) view depths, increasing, that cover the frustum or the receivers.
+
+    Raises:
+        ValueError: splits that do not increase, or that leave receivers out.
+
+    Example:
+        >>> import warpopt
+        >>> view = warpopt.FrustumView(warpopt.ViewFrustum(near=0.05, far=100.0, half_fov=0.5236), theta=1.0472)
+        >>> godot = errors(view, warpopt.cascades.splits.godot(0.05, 100.0), warp=False)
+        >>> round(float(godot.value / warpopt.cascades.plan(view, 4).value))   # what its default loses
+        72
+    """
+    (splits,) = float_arrays(splits=splits)
+    if splits.ndim < 1 or not 2 <= splits.shape[-1] <= MOST + 1:
+        raise ValueError(f"splits: got shape {splits.shape}, expected (..., K + 1) with K from 1 to {MOST}")
+    splits = checked(
+        "splits", splits,
+        lambda z: (z > 0) & (z < jnp.inf) & jnp.concatenate([z[..., 1:] >= z[..., :-1], z[..., :1] > 0], -1),
+        "positive depths that increase",
+    )  # fmt: skip
+    count = splits.shape[-1] - 1
+    goal, band, parts = _checked(view, count, objective, overlap, shares, warp)
+    starts = jnp.concatenate([splits[..., :1], splits[..., 1:-1] * (1 - band)], -1)
+    if isinstance(view, FrustumView):
+        near, far = _ends(view)
+        _refuse_outside(splits, near, far)
+        starts = jnp.maximum(starts, splits[..., :1])
+        each, warps = errors_over_frusta(view, starts, splits[..., 1:], goal, warp)
+        mass = None if goal.supremum else masses(splits[..., :-1], splits[..., 1:], near, far, goal)
+        return _assembled(splits, starts, warps, each, goal, parts, mass, _FRUSTUM, None, None)
+    if splits.ndim != 1:
+        raise ValueError(f"splits: got shape {splits.shape}, expected (K + 1,) over a scene: one call for each")
+    least, largest = depth_range(view)
+    _refuse_outside(splits, least, largest)
+    starts = jnp.maximum(starts, splits[:1])
+    views, solutions, mass = errors_over_scene(view, starts, splits, goal, warp)
+    warps = solutions.warp
+    if not warp:
+        warps = Warp(jnp.ones_like(warps.eta), jnp.zeros_like(warps.eta), warps.start, warps.mu, warps.defined)
+        solutions = eqx.tree_at(lambda s: s.warp, solutions, warps)
+    each = solutions.value if warp else solutions.unwarped
+    aside = view.lateral != "free" and bool((solutions.footprint.axis != 0).any())
+    needs_axis = any(term.beta for term in goal.terms)
+    why = _ASIDE if aside and needs_axis else _SINGLE if view.warp_direction in ("gradient", "middle") else _SCENE
+    return _assembled(splits, starts, warps, each, goal, parts, mass, why, views, solutions)
+
+
+_FRUSTUM = "errors grow with what a cascade holds, so any split certifies itself (Theorem 2)"
+_SCENE = _FRUSTUM + ", for one direction of the warp in all cascades or the best in each"
+_ASIDE = "not proved: in some cascade all receivers are on one side of the axis through the eye, which is moved"
+_SINGLE = "not proved: each cascade has a direction of its own that is not the best"
+_MEANS = "not proved for a mean over the receivers"
+
+
+def _assembled(splits, starts, warps, each, objective, shares, mass, why, views, solutions) -> Plan:
+    """Errors over shares, the value, and the certificate."""
+    power = objective.terms[0].alpha + objective.terms[0].beta if objective.terms else 1.0
+    power = 2.0 if objective.storage else power
+    over = each / (jnp.asarray(shares, each.dtype) ** power)
+    if mass is not None:
+        # One measure for all cascades: a mean in each would change with the split.
+        P = objective.order
+        value = (mass * over**P).sum(-1) ** (1 / P)
+        why = _MEANS
+    else:
+        value = over.max(-1)
+    proved = mass is None and not why.startswith("not proved")
+    # An empty cascade proves nothing for as many: the certificate is for those that hold something.
+    lower = jnp.where(proved & (over > 0).all(-1), over.min(-1), jnp.nan)
+    if proved and not is_traced(over) and not np.all(np.asarray(over > 0)):
+        why = "not proved: a cascade holds no receiver, or only one depth"
+    return Plan(splits, starts, warps, over, value, lower, why, solutions, views)
+
+
+def _checked(
+    view: Any, count: int, objective: Any, overlap: Any, shares: Any, warp: Any
+) -> tuple[Objective, float, np.ndarray]:
+    refuse_other(view)
+    whole_number("count", count, 1, MOST)
+    flag("warp", warp)
+    objective = Objective() if objective is None else objective
+    if not isinstance(objective, Objective):
+        raise ValueError(f"objective: got {objective!r}, expected a warpopt.Objective")
+    if isinstance(view, FrustumView):
+        objective.metric  # noqa: B018, raises: one term
+    (overlap,) = float_arrays(overlap=overlap)
+    overlap = float(checked("overlap", overlap, lambda v: (v >= 0) & (v < 1), "a number in [0, 1)"))
+    (shares,) = float_arrays(shares=np.ones(count) if shares is None else shares)
+    if shares.shape != (count,):
+        raise ValueError(f"shares: got shape {shares.shape}, expected ({count},), one for each cascade")
+    shares = checked("shares", shares, lambda v: (v > 0) & (v < jnp.inf), "finite numbers > 0")
+    return objective, overlap, np.asarray(shares)
+
+
+def _ends(view: FrustumView) -> tuple[Array, Array]:
+    near, far, _ = jnp.broadcast_arrays(view.frustum.near, view.frustum.far, view.theta)
+    return near, far
+
+
+def _refuse_thin(near: Array, far: Array, overlap: float) -> None:
+    checked("overlap", jnp.asarray(far / near), lambda r: r * (1 - overlap) > 1, "far/near (1 - overlap) > 1")
+
+
+def _refuse_outside(splits: Array, near: Array, far: Array) -> None:
+    """Splits that leave out something of the frustum, or of the receivers."""
+    slack = 64 * jnp.finfo(splits.dtype).eps
+    known = not is_traced(near, far)
+    there = ~(near > far)  # no receivers
+    first, last = splits[..., 0], splits[..., -1]
+    checked(
+        "splits", jnp.stack(jnp.broadcast_arrays(first, near)), lambda v: ~there | (v[0] <= v[1] * (1 + slack)),
+        f"a first depth at most {np.asarray(near).min():g}, where receivers begin" if known else "a nearer first depth",
+    )  # fmt: skip
+    checked(
+        "splits", jnp.stack(jnp.broadcast_arrays(last, far)), lambda v: ~there | (v[0] >= v[1] * (1 - slack)),
+        f"a last depth at least {np.asarray(far).max():g}, where receivers end" if known else "a farther last depth",
+    )  # fmt: skip

@@ -1,0 +1,195 @@
+"""Where cascades are split: published schemes and engines' defaults, as arrays of count + 1 depths from near to far."""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._checks import Numbers, checked, float_arrays
+from .._words import whole_number
+
+MOST = 16
+"""The largest number of cascades."""
+
+
+def uniform(near: Numbers, far: Numbers, count: int) -> Float[Array, "... K+1"]:
+    """Equal lengths.
+
+    Args:
+        near, far: of what is split, 0 < near < far < inf, of any shape.
+        count: cascades, 1 to 16.
+
+    Raises:
+        ValueError: arguments out of range.
+
+    Example:
+        >>> uniform(1.0, 9.0, 4).tolist()
+        [1.0, 3.0, 5.0, 7.0, 9.0]
+    """
+    near, far, share = _checked(near, far, count)
+    return near + (far - near) * share
+
+
+def logarithmic(near: Numbers, far: Numbers, count: int) -> Float[Array, "... K+1"]:
+    """Equal ratios: optimal over a whole frustum in L-inf, for every light, metric and warp (theory2's Theorem 3).
+
+    Args and raises as `uniform`.
+
+    Example:
+        >>> [round(float(z), 9) for z in logarithmic(1.0, 16.0, 4)]
+        [1.0, 2.0, 4.0, 8.0, 16.0]
+    """
+    near, far, share = _checked(near, far, count)
+    made = near * jnp.exp(jnp.log1p((far - near) / near) * share)
+    return jnp.where(share == 1, far, made)  # its very end, without rounding
+
+
+def practical(near: Numbers, far: Numbers, count: int, weight: float = 0.5) -> Float[Array, "... K+1"]:
+    """`weight` times the logarithmic split plus the rest of the uniform one (Zhang and others 2006).
+
+    Args and raises as `uniform`; weight in [0, 1].
+
+    Example:
+        >>> [round(float(z), 6) for z in practical(1.0, 9.0, 2)]
+        [1.0, 4.0, 9.0]
+    """
+    (value,) = float_arrays(weight=weight)
+    value = checked("weight", value, lambda v: (v >= 0) & (v <= 1), "a number in [0, 1]")
+    both = logarithmic(near, far, count), uniform(near, far, count)
+    return value * both[0] + (1 - value) * both[1]
+
+
+def fractions(near: Numbers, far: Numbers, shares: Sequence[float]) -> Float[Array, "... K+1"]:
+    """Fractions of the far distance, from the eye, where cascades end; the last one ends at far.
+
+    Args:
+        near, far: as for `uniform`.
+        shares: increasing, in (0, 1).
+
+    Raises:
+        ValueError: shares that do not increase, or a first cascade that ends before near.
+
+    Example:
+        >>> fractions(0.1, 100.0, (0.1, 0.2, 0.5)).tolist()
+        [0.1, 10.0, 20.0, 50.0, 100.0]
+    """
+    near, far, _ = _checked(near, far, len(shares) + 1)
+    (values,) = float_arrays(shares=list(shares))
+    values = checked("shares", values, lambda v: (v > 0) & (v < 1), "numbers in (0, 1)")
+    made = jnp.concatenate([near, far * values, far], -1)
+    return checked("shares", made, _rising, "fractions that increase, and a first end beyond near")
+
+
+def godot(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K+1"]:
+    """Godot 4's defaults, `directional_shadow_split_1` to `_3`: 0.1, 0.2, 0.5 of the largest distance (scene/3d/
+    light_3d.cpp, and its class reference); with two cascades the first.
+
+    Args and raises as `uniform`; count 1, 2 or 4.
+
+    Example:
+        >>> godot(0.05, 100.0).tolist()
+        [0.05, 10.0, 20.0, 50.0, 100.0]
+    """
+    return _menu("godot", near, far, count, {1: (), 2: (0.1,), 4: (0.1, 0.2, 0.5)})
+
+
+def unity(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K+1"]:
+    """Unity's defaults: 1/15, 3/15, 7/15 of the shadow distance (`QualitySettings.shadowCascade4Split`), 1/3 with two.
+
+    Args and raises as `uniform`; count 1, 2 or 4.
+
+    Example:
+        >>> [round(float(z), 2) for z in unity(0.3, 150.0)]
+        [0.3, 10.0, 30.0, 70.0, 150.0]
+    """
+    return _menu("unity", near, far, count, {1: (), 2: (1 / 3,), 4: (1 / 15, 3 / 15, 7 / 15)})
+
+
+def unreal(near: Numbers, far: Numbers, count: int = 3, exponent: float = 3.0) -> Float[Array, "... K+1"]:
+    """Unreal's distribution exponent: lengths in geometric progression, each `exponent` times the one before.
+
+    Args and raises as `uniform`; exponent >= 1.
+
+    Example:
+        >>> [round(float(z), 2) for z in unreal(0.1, 200.0)]
+        [0.1, 15.48, 61.61, 200.0]
+    """
+    near, far, _ = _checked(near, far, count)
+    (value,) = float_arrays(exponent=exponent)
+    value = checked("exponent", value, lambda v: (v >= 1) & (v < jnp.inf), "a number >= 1")
+    lengths = value ** jnp.arange(count, dtype=near.dtype)
+    share = jnp.concatenate([jnp.zeros(1, near.dtype), jnp.cumsum(lengths) / lengths.sum()])
+    return near + (far - near) * share
+
+
+def bevy(near: Numbers, far: Numbers, count: int = 4, first: float = 10.0) -> Float[Array, "... K+1"]:
+    """Bevy's: the first cascade ends at `first`, equal ratios beyond (crates/bevy_light/src/cascade.rs).
+
+    Its cascades overlap by a fifth of their near distance by default: `overlap` of `cascades.plan`.
+
+    Args and raises as `uniform`; near < first < far with more than one cascade.
+
+    Example:
+        >>> [round(float(z), 2) for z in bevy(0.1, 150.0)]
+        [0.1, 10.0, 24.66, 60.82, 150.0]
+    """
+    near, far, _ = _checked(near, far, count)
+    if count == 1:
+        return jnp.concatenate([near, far], -1)
+    (end,) = float_arrays(first=first)
+    end = checked(
+        "first", jnp.broadcast_to(end, near.shape), lambda v, n, f: (v > n) & (v < f),
+        "a number between near and far", near, far,
+    )  # fmt: skip
+    return jnp.concatenate([near, logarithmic(end[..., 0], far[..., 0], count - 1)], -1)
+
+
+def three(near: Numbers, far: Numbers, count: int = 3) -> Float[Array, "... K+1"]:
+    """three.js's CSM: the practical split with 0.5 (examples/jsm/csm/CSM.js), `maxFar` as far.
+
+    Args and raises as `uniform`.
+
+    Example:
+        >>> [round(float(z), 2) for z in three(0.1, 1000.0)]
+        [0.1, 167.78, 356.56, 1000.0]
+    """
+    return practical(near, far, count, 0.5)
+
+
+def filament(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K+1"]:
+    """Filament's `cascadeSplitPositions`: quarters of the way from near to far by default (LightManager.h).
+
+    Args and raises as `uniform`; count 1 to 4.
+
+    Example:
+        >>> filament(1.0, 9.0).tolist()
+        [1.0, 3.0, 5.0, 7.0, 9.0]
+    """
+    near, far, _ = _checked(near, far, count)
+    share = jnp.concatenate([jnp.arange(count, dtype=near.dtype) / 4, jnp.ones(1, near.dtype)])
+    return near + (far - near) * share
+
+
+ENGINES = {"godot": godot, "unity": unity, "unreal": unreal, "bevy": bevy, "three": three, "filament": filament}
+SCHEMES = {"uniform": uniform, "logarithmic": logarithmic, "practical": practical}
+
+
+def _menu(name: str, near: Numbers, far: Numbers, count: int, menu: dict[int, tuple[float, ...]]) -> Array:
+    if count not in menu:
+        raise ValueError(f"count: got {count!r} with {name}, expected {', '.join(map(str, menu))}")
+    return fractions(near, far, menu[count])
+
+
+def _checked(near: Numbers, far: Numbers, count: int) -> tuple[Array, Array, Array]:
+    whole_number("count", count, 1, MOST)
+    near, far = jnp.broadcast_arrays(*float_arrays(near=near, far=far))
+    near = checked("near", near, lambda v: (v > 0) & (v < jnp.inf), "a finite number > 0")
+    far = checked(
+        "far", far, lambda v, n: (v > n) & (v < jnp.inf),
+        "a finite number > near: without a far plane split the receivers' range", near,
+    )  # fmt: skip
+    return near[..., None], far[..., None], jnp.arange(count + 1, dtype=near.dtype) / count
+
+
+def _rising(z: Array) -> Array:
+    return jnp.concatenate([jnp.ones_like(z[..., :1], bool), z[..., 1:] > z[..., :-1]], -1)

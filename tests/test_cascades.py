@@ -1,0 +1,264 @@
+"""Cascades: theory2's theorems on raw geometry, its tables, exhaustive search, and what is refused."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import warpopt
+from warpopt import FrustumView, Objective, SceneView, ViewFrustum, cascades
+from warpopt.cascades import splits
+from warpopt.receivers import ConvexBody, DepthBuffer, PointReceivers
+
+PHI = float(np.deg2rad(30))
+ANGLES = np.deg2rad([90.0, 60.0, 30.0])
+CAMERA = warpopt.Camera((0, 2, 0), (0, -0.05, -1), (0, 1, 0), near=0.1, far=500.0, half_fov=0.6, aspect=1.6)
+LIGHT = warpopt.DirectionalLight((0.3, -1, -0.4))
+
+
+def view_of(theta, ratio=1000.0, near=1.0) -> FrustumView:
+    return FrustumView(ViewFrustum(near, near * ratio, PHI), theta)
+
+
+@pytest.mark.parametrize(
+    ("metric", "log", "practical", "plain", "uniform", "flat"),
+    [
+        ("p", (2.4, 2.0, 1.7), (5.8, 4.6, 3.7), (65, 50, 38), (8.1, 6.4, 5.0), (128, 99, 74)),
+        ("pxq", (10, 4.5, 1.2), (9.7, 8.4, 39), (6270, 2540, 640), (15, 13, 86), (24100, 9750, 2450)),
+    ],
+)
+def test_what_published_splits_lose(metric, log, practical, plain, uniform, flat):
+    """theory2's table for K = 4, R = 1000, to its two digits."""
+    view, objective = view_of(ANGLES), Objective(metric)
+    best = cascades.plan(view, 4, objective).value
+
+    def over(scheme, warp):
+        return np.asarray(cascades.errors(view, scheme(1.0, 1000.0, 4), objective, warp=warp).value / best)
+
+    for told, scheme, warp in (
+        (log, splits.logarithmic, False), (practical, splits.practical, True), (plain, splits.practical, False),
+        (uniform, splits.uniform, True), (flat, splits.uniform, False),
+    ):  # fmt: skip
+        np.testing.assert_allclose(over(scheme, warp), told, rtol=0.03)
+
+
+@pytest.mark.parametrize(
+    ("name", "near", "far", "ratios", "lost"),
+    [
+        ("godot", 0.05, 100.0, (200, 2, 2.5, 2), (72, 5.3, 5450, 9.9)),
+        ("unity", 0.3, 50.0, (11.2, 3.0, 2.3, 2.1), (5.4, 1.8, 26, 2.3)),
+        ("unreal", 0.1, 200.0, (155, 4.0, 3.3), (40, 3.4, 2070, 5.3)),
+        ("three", 0.1, 1000.0, (1680, 2.1, 2.8), (337, 8.3, 1.7e5, 18)),
+    ],
+)
+def test_what_engines_splits_lose(name, near, far, ratios, lost):
+    """theory2's table at theta = 60 degrees: E_p and E_pxq, without and with warps, over the best of as many."""
+    made = splits.ENGINES[name](near, far)
+    np.testing.assert_allclose(made[1:] / made[:-1], ratios, rtol=0.03)
+    view = FrustumView(ViewFrustum(near, far, PHI), float(np.deg2rad(60)))
+    found = []
+    for metric, warp in itertools.product(("p", "pxq"), (False, True)):
+        best = cascades.plan(view, len(ratios), Objective(metric)).value
+        found.append(float(cascades.errors(view, made, Objective(metric), warp=warp).value / best))
+    np.testing.assert_allclose(found, lost, rtol=0.03)
+
+
+def test_no_certificate_is_violated():
+    """Theorems 2 and 3 on 1e5 frusta with random splits, shares and bands: min e <= optimum <= max e."""
+    rng, count = np.random.default_rng(4), 100_000
+    ratio = np.exp(rng.uniform(np.log(3), np.log(1e5), count))
+    frustum = ViewFrustum(np.ones(count), ratio, rng.uniform(0.05, 1.4, count))
+    view = FrustumView(frustum, rng.uniform(0, np.pi, count))
+    cuts = np.sort(ratio[:, None] ** rng.uniform(0.02, 0.98, (count, 2)), -1)
+    chosen = np.concatenate([np.ones((count, 1)), cuts, ratio[:, None]], -1)
+    for overlap in (0.0, 0.2):
+        best = cascades.plan(view, 3, overlap=overlap)
+        any_split = cascades.errors(view, chosen, overlap=overlap)
+        low, high = np.asarray(any_split.lower), np.asarray(any_split.value)
+        optimum = np.asarray(best.value)
+        assert (low <= optimum * (1 + 1e-9)).all()
+        assert (optimum <= high * (1 + 1e-9)).all()
+        np.testing.assert_allclose(best.lower, optimum, rtol=1e-8)  # equal errors: the optimum
+    assert (high / low).max() > 2  # or nothing would be tested
+
+
+def test_bands_and_shares_balance():
+    view = view_of(ANGLES)
+    bands = cascades.plan(view, 4, overlap=0.2)
+    np.testing.assert_allclose(bands.starts[..., 1:], 0.8 * bands.splits[..., 1:-1])
+    ratios = bands.splits[..., 1:] / bands.starts
+    np.testing.assert_allclose(ratios, np.broadcast_to(ratios[..., :1], ratios.shape), rtol=1e-12)
+    shared = cascades.plan(view_of(float(np.deg2rad(60))), 4, shares=(1, 1, 0.5, 0.5))
+    np.testing.assert_allclose(shared.splits[1:] / shared.splits[:-1], (10.6, 10.6, 2.98, 2.98), rtol=3e-3)
+    np.testing.assert_allclose(shared.errors, np.full(4, shared.value), rtol=1e-9)
+    # A share too small for any piece of its own is not used.
+    tiny = cascades.plan(view_of(float(np.deg2rad(60)), 50.0), 2, shares=(1.0, 1e-3))
+    assert float(tiny.splits[1]) == pytest.approx(50, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("metric", "measure", "degrees", "lost", "at"),
+    [
+        ("p", "volume", 90, 3.0, (250.75, 500.5, 750.25)), ("p", "screen", 90, 1.48, (30.8, 159, 458)),
+        ("pxq", "screen", 60, 1.41, (22.9, 136, 432)), ("p", "ground", 90, 1.48, (2.18, 6.30, 32.5)),
+    ],
+)  # fmt: skip
+def test_means_have_other_splits(metric, measure, degrees, lost, at):
+    """theory2's section 1.4: what the logarithmic split loses, and where the best one is."""
+    view, objective = view_of(float(np.deg2rad(degrees))), Objective(metric, "l2", measure)
+    best = cascades.plan(view, 4, objective)
+    log = cascades.errors(view, splits.logarithmic(1.0, 1000.0, 4), objective)
+    assert float(log.value / best.value) == pytest.approx(lost, rel=6e-3)
+    np.testing.assert_allclose(best.splits[1:-1], at, rtol=6e-3)
+    assert np.isnan(best.lower)
+    assert "not proved" in best.lower_because
+    one = cascades.plan(view, 1, objective).value
+    np.testing.assert_allclose(one, warpopt.optimal_warp(view, objective).value, rtol=1e-12)
+
+
+def sets_of_points(count: int, size: int):
+    rng = np.random.default_rng(9)
+    for _ in range(count):
+        z = np.sort(np.exp(rng.uniform(np.log(2), np.log(200), size)))
+        eye = np.stack([rng.uniform(-0.8, 0.8, size) * z, rng.uniform(-0.5, 0.5, size) * z, z], 1)
+        yield eye @ np.asarray(CAMERA.rotation) + np.asarray(CAMERA.position)
+
+
+@pytest.mark.parametrize("name", ["p", "storage"])
+def test_plans_over_receivers_are_those_of_exhaustive_search(name):
+    """200 sets of eight points, every split between them, each interval solved as receivers of its own."""
+    objective, size = Objective(name), 8
+    spans = [(i, j) for i in range(size) for j in range(i + 1, size + 1)]
+    # Points outside of an interval are put onto its first one.
+    index = np.array([[k if i <= k < j else i for k in range(size)] for i, j in spans])
+
+    @jax.jit
+    @jax.vmap
+    def alone(points):
+        view = SceneView(CAMERA, LIGHT, PointReceivers(points))
+        solution = warpopt.optimal_warp(view, objective, throw=False)
+        return solution.value, solution.footprint.axis
+
+    proved = 0
+    for points in sets_of_points(200, size):
+        values, _ = alone(points[index])
+        table = dict(zip(spans, np.asarray(values), strict=True))
+        least = min(max(table[0, i], table[i, j], table[j, size]) for i in range(1, size) for j in range(i + 1, size))
+        made = cascades.plan(SceneView(CAMERA, LIGHT, PointReceivers(points)), 3, objective)
+        assert float(made.value) == pytest.approx(least, rel=1e-9, abs=1e-12)
+        if np.isfinite(made.lower):
+            proved += 1
+            assert float(made.lower) <= least * (1 + 1e-9)
+    assert proved > 20
+
+
+def test_inclusion():
+    """Theorem 1: what holds less has no larger error, in every metric, with and without warps."""
+    for points in sets_of_points(5, 12):
+        view = SceneView(CAMERA, LIGHT, PointReceivers(points), lateral="free")
+        z = np.sort(np.asarray(CAMERA.to_eye(points))[:, 2])
+        for name, warp in itertools.product(("p", "pxq", "storage"), (True, False)):
+            ends = [(z[0], z[-1]), (z[0], z[7]), (z[2], z[7]), (z[3], z[6])]
+            errors = [
+                float(cascades.over_scene.errors_over_scene(
+                    view, jnp.array([a]), jnp.array([a, b]), Objective(name), warp
+                )[1].value[0])
+                for a, b in ends
+            ] if warp else [1.0]  # fmt: skip
+            assert (np.diff(errors) <= 1e-9 * errors[0]).all()
+
+
+def test_each_cascade_has_its_map():
+    points = next(sets_of_points(1, 60))
+    view = SceneView(CAMERA, LIGHT, PointReceivers(points), screen=(640, 400), shadow_map=(512, 512),
+                     warp_direction="gradient")  # fmt: skip
+    made = cascades.plan(view, 3, Objective("pxq"))
+    assert np.isnan(made.lower)
+    assert "direction of its own" in made.lower_because
+    matrices, ends = made.matrices(casters=points)
+    z = np.asarray(CAMERA.to_eye(points))[:, 2]
+    for k in range(3):
+        mine = points[(z >= float(made.starts[k])) & (z <= float(ends[k]))]
+        clip = np.c_[mine, np.ones(len(mine))] @ np.asarray(matrices[k]).T
+        assert (clip[:, 3] > 0).all()
+        assert np.abs(clip[:, :3] / clip[:, 3:]).max() <= 1 + 1e-9
+    assert float(ends[-1]) >= z.max() * (1 - 1e-12)
+    straight = SceneView(CAMERA, LIGHT, PointReceivers(points), screen=(640, 400), shadow_map=(512, 512))
+    empty = cascades.errors(straight, [float(z.min()), 1.01 * float(z.max()), 400.0], Objective("pxq"))
+    assert np.isnan(empty.matrices()[0][1]).all()
+    assert float(empty.errors[1]) == 0
+    assert np.isnan(empty.lower)
+    assert "no receiver" in empty.lower_because
+
+
+def test_pixels_and_bodies_are_split_too():
+    depth = np.geomspace(3, 60, 24)[::-1, None] * np.ones((24, 32))
+    buffer = DepthBuffer(depth)
+    view = SceneView(CAMERA, LIGHT, buffer, screen=(640, 400), shadow_map=(512, 512))
+    made = cascades.plan(view, 3, Objective("pxq"))
+    assert (np.diff(made.splits) > 0).all()
+    for other in ("uniform", "logarithmic"):
+        ends = float(made.splits[0]), float(made.splits[-1])
+        assert float(made.value) <= float(
+            cascades.errors(view, splits.SCHEMES[other](*ends, 3), Objective("pxq")).value
+        ) * (1 + 1e-9)
+    edges = np.zeros((24, 32))
+    edges[8] = edges[20] = 1
+    weighed = SceneView(CAMERA, LIGHT, DepthBuffer(depth, weights=edges), screen=(640, 400), shadow_map=(512, 512))
+    mean = cascades.plan(weighed, 2, Objective("edge"))
+    log = cascades.errors(weighed, splits.logarithmic(3.0, 60.0, 2), Objective("edge"))
+    assert float(mean.value) <= float(log.value) * (1 + 1e-9)
+    box = SceneView(CAMERA, LIGHT, ConvexBody.box((-20, -1, -90), (20, 5, -4)))
+    body = cascades.plan(box, 2)
+    assert float(body.lower) <= float(body.value) <= 1.02 * float(body.lower)
+
+
+@pytest.mark.parametrize(("maps", "told"), [(1, (25.8, 0)), (4, (2.58, 4.55))])
+def test_storage_over_the_bound(maps, told):
+    """K S(R^(1/K)) over Theorem 5's bound at R = 100, theta = 60 degrees: theory2's table."""
+    view = view_of(float(np.deg2rad(60)), 100.0)
+    scene = cascades.counts.in_world(view)
+    bound = float(warpopt.lower_bound(scene, Objective("storage")))
+    for warp, ratio in zip((True, False), told, strict=True):
+        if ratio:
+            assert float(cascades.count(view, warp=warp)[1][maps - 1]) / bound == pytest.approx(ratio, rel=0.01)
+
+
+def test_gradients_are_those_of_the_optimum():
+    def value(theta, far):
+        return cascades.plan(FrustumView(ViewFrustum(1.0, far, PHI), theta), 3).value
+
+    found = jax.grad(value, (0, 1))(1.1, 300.0)
+    step = 1e-5
+    exact = ((value(1.1 + step, 300.0) - value(1.1 - step, 300.0)) / (2 * step),
+             (value(1.1, 300.0 + step) - value(1.1, 300.0 - step)) / (2 * step))  # fmt: skip
+    np.testing.assert_allclose(found, exact, rtol=1e-6)
+
+
+VIEW = view_of(1.0)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: cascades.plan(VIEW, 0), "count: got 0"), (lambda: cascades.plan(VIEW, 17), "count: got 17"),
+        (lambda: cascades.plan(VIEW, 2, overlap=1.0), "overlap"), (lambda: cascades.plan(VIEW, 2, overlap=-1), "over"),
+        (lambda: cascades.plan(VIEW, 2, shares=(1, 0)), "shares"), (lambda: cascades.plan(VIEW, 2, shares=(1,)), "sh"),
+        (lambda: cascades.plan(view_of(1.0, 1.1), 2, overlap=0.2), "far/near"),
+        (lambda: cascades.plan(CAMERA, 2), "view: got"), (lambda: cascades.plan(VIEW, 2, "p"), "objective"),
+        (lambda: cascades.plan(VIEW, 2, warp=1), "warp"), (lambda: cascades.errors(VIEW, [1.0]), "splits: got shape"),
+        (lambda: cascades.errors(VIEW, [1.0, 50, 9, 1000]), "that increase"),
+        (lambda: cascades.errors(VIEW, [2.0, 50, 1000]), "a first depth"),
+        (lambda: cascades.errors(VIEW, [1.0, 50, 900]), "a last depth"),
+        (lambda: cascades.errors(VIEW, [1.0, np.nan, 1000]), "splits"),
+        (lambda: cascades.plan(VIEW, 2).matrices(), "FrustumView"), (lambda: cascades.count(VIEW, -1), "price"),
+        (lambda: splits.uniform(1.0, np.inf, 2), "far"), (lambda: splits.godot(0.1, 9.0, 3), "count: got 3"),
+        (lambda: splits.fractions(20.0, 100.0, (0.1, 0.2)), "shares"), (lambda: splits.bevy(0.1, 9.0), "first"),
+        (lambda: splits.practical(1.0, 9.0, 2, 2.0), "weight"), (lambda: splits.unreal(1.0, 9.0, 2, 0.5), "exponent"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_refused(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()
