@@ -48,16 +48,22 @@ class Extremes(NamedTuple):
 
 
 def supremum_norm(space: LightSpace, eta: Float[Array, "..."], objective: Objective) -> Float[Array, "..."]:
-    """max of E_p^alpha E_q^beta over the receivers, for any eta in (0, 1]."""
-    metric = objective.metric
+    """max of E_p^alpha E_q^beta over the receivers, for any eta in (0, 1].
 
-    def attained(depth: LightDepth) -> Array:
+    Each receiver's two errors are computed whole: A^2/eta and (n/f)^r alone may leave the dtype's range.
+    """
+    metric, ends = objective.metric, Extremes.of(space, objective)
+    along, across = space.mu_over_far / space.tan_phi, 2.0
+    if metric.beta:
+        across = 2 / inverse_width(space, eta)
+
+    def attained(depth: LightDepth, nearness: Array | float) -> Array:
+        # E_p is of order A/eta, up to n/f's powers, and A f/n of order 1/sqrt(n/f): in this order all are in range.
         blend = depth.blend(eta)
-        return power(blend * (blend / eta), metric.alpha) * power(blend, metric.beta)
+        e_p, e_q = along * (blend * nearness) * (blend / eta), across * (blend * nearness)
+        return power(e_p, metric.alpha) * power(e_q, metric.beta)
 
-    ends = Extremes.of(space, objective)
-    errors = larger(attained(ends.near), attained(ends.far) / power(1 + space.depth_range, metric.depth_power))
-    return in_units_of_error(space, eta, errors, objective)
+    return larger(attained(ends.near, 1 + space.depth_range), attained(ends.far, 1.0))
 
 
 def in_units_of_error(space: LightSpace, eta: Array, mean: Array, objective: Objective) -> Array:
@@ -77,24 +83,31 @@ def kink(space: LightSpace) -> Float[Array, "..."]:
 
     0 if always the far corners do (theta <= phi).
     """
-    return space.a_plus / ((1 + space.depth_range) * space.b)
+    return space.ratio * space.a_plus / space.b
 
 
 def _tie(space: LightSpace, objective: Objective, near: LightDepth) -> tuple[Array, Array]:
     """(eta, 1 - eta) at which the two receivers' errors are equal; eta = 0 where the nearest always has the larger.
 
-    eta = (d_f - d_n - e d_n) / (d_f - d_n + e (1 - d_n)), e = (f/n)^q - 1 and q = r/k, with the common terms removed
-    from
-    the numerator: for E_q it is x a, lambda = n a, where the direct difference loses all digits as a goes to 0.
+    eta = (d_f - d_n - e d_n) / (d_f - d_n + e (1 - d_n)), e = (f/n)^q - 1 and q = r/k, with the common terms removed from
+    the numerator: for E_q it is x a, lambda = n a, where the direct difference loses all digits as a goes to 0. Both parts
+    are over f and over (f/n)^q, so that no power of f/n is above 1.
     """
-    x, T, L = space.depth_range, space.slope, space.log_ratio
+    T, share, mu = space.slope, space.share, space.mu_over_far
     q = objective.metric.depth_power / objective.metric.blend_power
     u = extreme_height(objective)
-    growth = jnp.expm1(q * L)
-    top = x * space.a_plus + (1 + growth) * (2 * T * u * jnp.expm1((1 - q) * L) - x * space.a_minus)
-    span = x * (space.sin_theta if u == 0.5 else space.b)  # a + 2 T u
-    bottom = span + growth * near.one_minus_delta * space.mu_over_near
-    return larger(top, 0) / bottom, jnp.where(top > 0, growth * space.mu_over_near / bottom, 1)
+    shrunk, growth = power(space.ratio, q), _growth(space, q)
+    top = shrunk * share * space.a_plus + (2 * T * u * _growth(space, 1 - q) * shrunk - share * space.a_minus)
+    span = share * (space.sin_theta if u == 0.5 else space.b)  # a + 2 T u
+    bottom = shrunk * span + growth * near.one_minus_delta * mu
+    return larger(top, 0) / bottom, jnp.where(top > 0, growth * mu / bottom, 1)
+
+
+def _growth(space: LightSpace, exponent: float) -> Array:
+    """1 - (n/f)^exponent. By the logarithm for thin frusta alone: it would multiply the rounding of a large one."""
+    thin = space.depth_range < 1
+    by_log = -jnp.expm1(-exponent * jnp.where(thin, space.log_ratio, 1))
+    return jnp.where(thin, by_log, 1 - power(space.ratio, exponent))
 
 
 def closed_form(space: LightSpace, objective: Objective) -> Optimum:
@@ -106,12 +119,13 @@ def closed_form(space: LightSpace, objective: Objective) -> Optimum:
     # notation: g, h, m over mu; k, r, c0, c1, c2 of the quadratic in Y
     metric = objective.metric
     alpha, beta, k, r = metric.alpha, metric.beta, metric.blend_power, metric.depth_power
-    x, s, T, mu = space.depth_range, space.sin_theta, space.slope, space.mu_over_near
+    share, ratio, s, T = space.share, space.ratio, space.sin_theta, space.slope
     ends = Extremes.of(space, objective)
     (g, h), widest = ends.near, ends.widest.delta
     m = widest - g
-    # h - g with the common terms removed: x s + (x - 2) T, or 2 (x s - T) below theta = phi.
-    excess = jnp.where(space.a_plus > 0, x * s + (x - 2) * T, 2 * (x * s - T)) / mu
+    # h - g with the common terms removed: D s + (D - 2 n) T, or 2 (D s - n T) below theta = phi.
+    excess = jnp.where(space.a_plus > 0, share * s + (share - 2 * ratio) * T, 2 * (share * s - ratio * T))
+    excess = excess / space.mu_over_far
     c2 = alpha * excess + beta * m
     helps = c2 > 0
     tie, one_minus_tie = _tie(space, objective, ends.near)
