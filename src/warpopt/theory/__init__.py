@@ -11,7 +11,7 @@ from .aliasing import (
     texture_coordinates,
 )
 from .camera import Camera, DirectionalLight
-from .far_limit import FarLimit, far_limit
+from .far_limit import far_limit
 from .light_frame import LightFrame
 from .light_space import LightDepth, LightSpace
 from .texel import KERNELS, edge_offset, larger_error, lean, longest_edge, offset_across
@@ -23,7 +23,6 @@ __all__ = [
     "Camera",
     "DirectionalLight",
     "Extent",
-    "FarLimit",
     "LightDepth",
     "LightFrame",
     "LightSpace",

@@ -22,6 +22,12 @@ def _vector(value: Any) -> Any:
     return tuple(float(v) for v in value)
 
 
+def _bound(value: Any) -> Any:
+    if not isinstance(value, list | tuple) or len(value) != 3 or not all(_is_number(v) and v == v for v in value):
+        raise ValueError("expected three numbers, which may be inf or -inf")
+    return tuple(float(v) for v in value)
+
+
 def _direction(value: Any) -> Any:
     value = _vector(value)
     if not any(value):
@@ -35,6 +41,7 @@ def _is_number(value: Any) -> bool:
 
 Triple = tuple[float, float, float]
 Vector = Annotated[Triple, pydantic.BeforeValidator(_vector)]
+Bound = Annotated[Triple, pydantic.BeforeValidator(_bound)]
 Direction = Annotated[Triple, pydantic.BeforeValidator(_direction)]
 
 

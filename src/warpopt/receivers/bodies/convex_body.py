@@ -65,16 +65,17 @@ class ConvexBody(Receivers):
     def box(cls, lower: Numbers, upper: Numbers) -> "ConvexBody":
         """The axis-parallel box between two world points (3,), which may be infinite.
 
-        A box with lower > upper anywhere, such as the bounds of no objects (inf to -inf), is empty.
+        For no objects, whose bounds are none, pass no points: `PointReceivers(np.zeros((0, 3)))`.
 
         Raises:
-            ValueError: for a wrong shape or NaN.
+            ValueError: for a wrong shape, NaN, or lower > upper.
         """
         lower, upper = float_arrays(lower=lower, upper=upper)
         for name, value in (("lower", lower), ("upper", upper)):
             if value.shape != (3,):
                 raise ValueError(f"{name}: got shape {value.shape}, expected (3,)")
             checked(name, value, lambda v: v == v, "numbers")
+        upper = checked("upper", upper, lambda v, lower: v >= lower, "numbers >= those of lower", lower)
         reach = _reach(lower.dtype)
         lower, upper = (jnp.clip(value, -reach, reach) for value in (lower, upper))
         eye = jnp.eye(3, dtype=lower.dtype)
