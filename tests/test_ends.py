@@ -1,4 +1,4 @@
-"""Numbers at the ends of the dtypes: the answer, or an outcome that says that it is out of range; never a wrong number."""
+"""Numbers at the ends of the dtypes: the answer, or an outcome that says out of range; never a wrong number."""
 
 import sys
 from pathlib import Path

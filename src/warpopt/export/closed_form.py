@@ -126,7 +126,7 @@ _PARAMETERS = ("theta", "z_near", "z_far", "half_fov")
 
 
 def closed_form_source(metric: str, language: Language, prefix: str = "warpopt") -> str:
-    """The whole file: `warpopt_upper_slope`, `warpopt_lambda_over_mu`, `warpopt_eta` and `warpopt_lambda` of (theta, z_near, z_far, half_fov).
+    """The whole file: `warpopt_lambda_over_mu`, `warpopt_eta` and `warpopt_lambda` of (theta, z_near, z_far, half_fov).
 
     Optimal for the largest E_p, E_q or E_pxq over the view frustum (derived for this project; `solve.closed_form`).
     NaN, and inputs that are not a frustum, give no warp (eta = 1). An infinite z_far gives the limit, (T63): eta = 0

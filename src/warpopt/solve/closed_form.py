@@ -89,9 +89,9 @@ def kink(space: LightSpace) -> Float[Array, "..."]:
 def _tie(space: LightSpace, objective: Objective, near: LightDepth) -> tuple[Array, Array]:
     """(eta, 1 - eta) at which the two receivers' errors are equal; eta = 0 where the nearest always has the larger.
 
-    eta = (d_f - d_n - e d_n) / (d_f - d_n + e (1 - d_n)), e = (f/n)^q - 1 and q = r/k, with the common terms removed from
-    the numerator: for E_q it is x a, lambda = n a, where the direct difference loses all digits as a goes to 0. Both parts
-    are over f and over (f/n)^q, so that no power of f/n is above 1.
+    eta = (d_f - d_n - e d_n) / (d_f - d_n + e (1 - d_n)), e = (f/n)^q - 1 and q = r/k, with the common terms removed
+    from the numerator: for E_q it is x a, lambda = n a, where the direct difference loses all digits as a goes to 0.
+    Both parts are over f and over (f/n)^q, so that no power of f/n is above 1.
     """
     T, share, mu = space.slope, space.share, space.mu_over_far
     q = objective.metric.depth_power / objective.metric.blend_power

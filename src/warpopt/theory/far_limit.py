@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._checks import Numbers, checked, float_arrays, joint_shape
-from .._numerics import larger, smaller
+from .._numerics import smaller
 from ..objective import Metric, Objective
 from .light_space import side_slopes
 
@@ -27,8 +27,8 @@ def far_limit(near: Numbers, half_fov: Numbers, theta: Numbers, metric: str | Me
     """The limit of the L-inf optimum over the whole view frustum as far grows without end; derived here, (T63).
 
     For a light flatter than half the field of view eta tends to (1 + beta/alpha) (T - sin(theta))/(T + sin(theta)), at
-    most 1, with T = tan(half_fov) |cos(theta)|; for a steeper one to 0. Only E_q keeps a finite error, 2 b/a, and a finite
-    lambda, n a, for a light that is steeper.
+    most 1, with T = tan(half_fov) |cos(theta)|; for a steeper one to 0. Only E_q keeps a finite error, 2 b/a, and a
+    finite lambda, n a, for a light that is steeper.
 
     Args:
         near, half_fov, theta: as for `ViewFrustum` and `FrustumView`, of shapes that broadcast.

@@ -41,7 +41,8 @@ def _is_number(value: Any) -> bool:
 
 Triple = tuple[float, float, float]
 Vector = Annotated[Triple, pydantic.BeforeValidator(_vector)]
-Bound = Annotated[Triple, pydantic.BeforeValidator(_bound)]
+_Endless = Annotated[float, pydantic.AllowInfNan(True)]
+Bound = Annotated[tuple[_Endless, _Endless, _Endless], pydantic.BeforeValidator(_bound)]
 Direction = Annotated[Triple, pydantic.BeforeValidator(_direction)]
 
 

@@ -13,7 +13,7 @@ from warpopt.objective import METRICS, MOST_MOMENTS, Measure, Objective
 
 from ...scene_files.scene_camera import orientation
 from ..common.settings import Distinct, FileName, Norm, Positive, Section, listed, read_data, validated
-from .camera_settings import CameraConfig, Direction, Four, Resolution, Triple, Vector, exactly_one
+from .camera_settings import Bound, CameraConfig, Direction, Four, Resolution, Triple, exactly_one
 
 _PIXELS = "a depth image, glTF, a landscape or a made scene"
 Index = Annotated[int, Field(ge=0)]
@@ -94,8 +94,8 @@ class FrustumReceivers(Section):
 class BoxReceivers(Section):
     """The part of an axis-parallel box in the view frustum."""
 
-    lower: Vector
-    upper: Vector
+    lower: Bound
+    upper: Bound
 
     @pydantic.field_validator("upper")
     @classmethod
@@ -368,11 +368,12 @@ class SceneSettings(Section):
 
 
 def read_settings(path: Path) -> SceneSettings:
-    """The scene of a TOML file of `warpopt scene`, without its [output].
+    """The scene of a TOML file of `warpopt scene`, without its [output] and [casters].
 
     Raises:
         ConfigError: a file that is missing or not TOML, or invalid settings; a line for each error.
     """
     data = read_data(path, [])
-    data.pop("output", None)
+    for own in ("output", "casters"):  # of that command's matrices
+        data.pop(own, None)
     return validated(SceneSettings, data, str(path))

@@ -19,10 +19,12 @@ class Scene(Configured):
 
     def answer(self, overrides: list[str]) -> int:
         from ..inputs.scene_files import read_scene
+        from .casters import caster_shape
 
         config = self.read(overrides)
         scene = read_scene(config, self.config.parent)
+        casters = caster_shape(config.casters, config, scene, self.config.parent)
         prepare_jax()
         from .run import run_scene
 
-        return run_scene(config, scene)
+        return run_scene(config, scene, casters)
