@@ -142,6 +142,17 @@ class SceneView(eqx.Module):
                 f"receivers: got {shown(receivers)}, expected one of warpopt.receivers, or a class of your own that "
                 "derives from its Receivers"
             )
+        if camera.is_orthographic:
+            if not receivers.any_projection:
+                raise ValueError(
+                    f"camera: got an orthographic one with {type(receivers).__name__}, expected a perspective one, or "
+                    "the whole frustum, a convex body, a plane, points or a depth buffer"
+                )
+            if isinstance(warp_direction, str) and warp_direction != "view":
+                raise ValueError(
+                    f"warp_direction: got {warp_direction!r} with an orthographic camera, whose errors do not depend "
+                    "on the eye depth, expected 'view' or a vector"
+                )
         dtype = jnp.result_type(*jax.tree.leaves(eqx.filter((camera, light, receivers), eqx.is_inexact_array)))
         one_of("lateral", lateral, LATERAL)
         self.lateral = lateral
