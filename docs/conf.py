@@ -21,7 +21,7 @@ root_doc = "README"
 include_patterns = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md"]
 PAGES = [
     "objectives", "direction", "pixels", "scenes", "comparing", "gallery", "engines", "theory", "corrections", "claims",
-    "performance", "scaling", "glossary",
+    "performance", "scaling", "glossary", "support",
 ]  # fmt: skip
 PAGES += ["reference"]
 

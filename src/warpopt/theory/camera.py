@@ -317,4 +317,10 @@ def _rotation(forward: Array, up: Array, handedness: str) -> Array:
 def camera_of(seen: SceneCamera) -> Camera:
     """The camera of a scene's file or settings."""
     _, up, forward = seen.rotation
+    if seen.is_orthographic:
+        _, _, bottom, top = seen.window
+        camera = Camera.orthographic(
+            seen.position, forward, up, seen.near, seen.far, (top - bottom) / 2, handedness=seen.handedness
+        )
+        return eqx.tree_at(lambda c: c.window, camera, jnp.asarray(seen.window, camera.window.dtype))
     return Camera.off_centre(seen.position, forward, up, seen.near, seen.far, seen.window, handedness=seen.handedness)

@@ -45,12 +45,15 @@ class SceneInput:
     notes: list[str]
 
 
-def read_scene(config: SceneSettings, folder: Path, images: bool = True) -> SceneInput:
+def read_scene(
+    config: SceneSettings, folder: Path, images: bool = True, only_perspective: str | None = None
+) -> SceneInput:
     """Read the files, relative to `folder`, and make the depth images.
 
     Args:
         config, folder: of the configuration.
         images: whether to rasterise triangles.
+        only_perspective: why orthographic cameras are refused; None if they are not.
 
     Raises:
         ConfigError: names the key, what was got and what was expected.
@@ -70,6 +73,13 @@ def read_scene(config: SceneSettings, folder: Path, images: bool = True) -> Scen
         if from_seed and receivers.made and not cameras:
             cameras = [from_seed.camera(i, config.default_aspect()) for i in range(receivers.made.views)]
         keys = [camera.key for camera in cameras]
+    parallel = [i for i, camera in enumerate(cameras) if camera.is_orthographic]
+    by_edges = "edges are found in a perspective image" if config.weights.by == "edges" else None
+    if parallel and (only_perspective or by_edges):
+        reason = only_perspective or by_edges
+        raise ConfigError(f"camera.{parallel[0]}: got an orthographic one, expected a perspective one: {reason}")
+    if parallel and not receivers.pixels:
+        notes.append("An orthographic camera's section through a body is not drawn.")
     lit = _masks(config, folder)
     if lit and len(lit) != len(cameras):
         raise ConfigError(f"weights.lit: got {len(lit)} for {len(cameras)} camera(s), expected one for each")
@@ -148,11 +158,10 @@ def _gltf_camera(config: SceneSettings, path: Path) -> SceneCamera:
     assert gltf is not None  # only called with glTF
     with told_of("receivers.gltf.camera"):
         found = read_gltf_camera(path, gltf.camera)
-        camera = found.scene_camera(config.default_aspect())
-        far = gltf.far or camera.far
-        if not camera.near < far:
-            raise ValueError(f"{path}: camera {found.name!r}: got far {far:g}, expected more than {camera.near:g}")
-    return dataclasses.replace(camera, far=float(far))
+        far = gltf.far or found.far
+        if not found.near < far:
+            raise ValueError(f"{path}: camera {found.name!r}: got far {far:g}, expected more than {found.near:g}")
+        return found.scene_camera(config.default_aspect(), far)
 
 
 def _seen_in_files(
@@ -179,7 +188,8 @@ def _seen_in_files(
         with told_of(f"{key}: {path}"):
             image = decoded_image(
                 values, there, encoding=asked.encoding, scale=asked.scale, background=asked.background,
-                far=camera.far, nan_is_background=asked.nan_is_background, rows=asked.rows, distance=asked.distance,
+                far=camera.far, nan_is_background=asked.nan_is_background, rows=asked.rows,
+                distance="planar" if camera.is_orthographic else asked.distance,  # the same along parallel rays
                 window=camera.window,
             )  # fmt: skip
         blank = image.why_blank()

@@ -108,6 +108,7 @@ def _scene_record(config: SceneConfig, scene: SceneInput, solved: list[Solved]) 
                 "near": camera.near,
                 "far": finite_or_none(camera.far),
                 "window": list(camera.window),
+                "projection": "orthographic" if camera.is_orthographic else "perspective",
             }
             for camera in scene.cameras
         ],
