@@ -1,21 +1,23 @@
-"""`[casters]` of a scene, and the depth in `scene.json`: against finite differences of its matrix."""
+"""`[casters]` of a scene, and the depth's numbers in `scene.json`: against finite differences of the matrix."""
 
 import json
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 from gltf_cases import Builder
 from scene_cases import BOX, toml
 
+import warpopt
 from warpopt.app.common.settings import ConfigError, read_config
 from warpopt.app.inputs.scene_files import read_scene
-from warpopt.app.inputs.scene_values import views_of
+from warpopt.app.inputs.scene_values import box_of, under_light, views_of
 from warpopt.app.scene.casters import caster_shape
 from warpopt.app.scene.depth_numbers import depth_numbers
 from warpopt.app.scene.settings import SceneConfig
-from warpopt.app.scene.solve import solve_scene
-from warpopt.render.map_depth import DepthCells, MapDepth
+from warpopt.render.map_depth import DepthCells, MapDepth, depth_cells
+from warpopt.render.shadow_matrix import matrix_and_depth
 
 TEXELS = "[objective]\nmetrics = 'p'\nscreen = [1600, 900]\nshadow_map = [1024, 2048]\n"
 
@@ -33,29 +35,19 @@ def shape_of(receivers: str, more: str):
     return config, scene, caster_shape(config.casters, config, scene, Path())
 
 
-def rows_of(config, scene, casters):
-    return solve_scene(config, scene, casters, lambda done: None)[0].row
-
-
-def test_casters_take_depth_unless_they_are_clamped(folder):
-    """The receivers' own box; a tower above them; one without an end; in one program. Clamped, there are no casters."""
-    boxes = (f"[casters]\nbox = {{ lower = {low}, upper = [{high}] }}\n" for low, high in (
-        ("[-1, 0, -9]", "1, 90, -8"), ("[-inf, -inf, -inf]", "inf, inf, inf")))  # fmt: skip
-    own, high, endless = (rows_of(*shape_of(BOX, more)) for more in ("", *boxes))
-    assert shape_of(BOX, "[casters]\ndepth_clamp = true\n")[2] is None
-    assert own["depth"]["receivers_share"] > 0.6
-    assert high["depth"]["extent"] < own["depth"]["extent"] < 1
-    assert own["depth"]["steps"]["d16"]["smallest"] < high["depth"]["steps"]["d16"]["smallest"]
-    assert endless["matrix"] is None
-    assert endless["depth"] is None
-    assert endless["no_matrix_because"].startswith("casters: got ones so far before the receivers")
-    # A step along the light is that of the matrix: by differences at the corners of the receivers, which have them all.
-    config, scene, _ = shape_of(BOX, "")
-    view = views_of(config, scene)[0]
+def test_steps_and_bias_are_those_of_the_matrix(folder):
+    """By differences at the corners of the receivers, a box that casts too: they have the extremes."""
+    config, scene, casters = shape_of(BOX, "")
+    (view,) = views_of(config, scene)
+    view = under_light(view, 0)
+    solution = warpopt.optimal_warp(view)
+    matrix, depth = matrix_and_depth(view, solution, casters=box_of(casters))
+    cells = depth_cells(depth, solution.footprint, solution.warp.eta, solution.frame.texels)
+    own = depth_numbers(depth, jax.device_get(cells), False, True)
+    assert own["receivers_share"] > 0.6
     vertices, there = view.receivers.vertices(view.camera)
     points = np.asarray(vertices)[np.asarray(there)] @ scene.cameras[0].rotation + scene.cameras[0].position
-    light = np.array(own["direction"]) / np.linalg.norm(own["direction"])
-    matrix = np.array(own["matrix"])
+    light, matrix = np.asarray(view.light.direction), np.asarray(matrix)
 
     def depth(points):
         clip = np.c_[points, np.ones(len(points))] @ matrix.T
@@ -63,25 +55,25 @@ def test_casters_take_depth_unless_they_are_clamped(folder):
 
     rate = (depth(points + 1e-3 * light) - depth(points - 1e-3 * light)) / 2e-3
     for name, count in (("d16", 2**16 - 1), ("d24", 2**24 - 1)):
-        steps = own["depth"]["steps"][name]
+        steps = own["steps"][name]
         assert steps["smallest"] == pytest.approx(1 / (count * rate.max()), rel=1e-6)
         assert steps["largest"] == pytest.approx(1 / (count * rate.min()), rel=1e-6)
-    floats = own["depth"]["steps"]["d32f"]
+    floats = own["steps"]["d32f"]
     ulps = np.spacing(np.float32(depth(points)) * np.float32(1 - 1e-6)).astype(float)
     assert floats["smallest"] <= (ulps / rate).min() * (1 + 1e-6)
     assert floats["largest"] == pytest.approx((ulps / rate).max(), rel=1e-6)
     # A texel's edges on the light plane: t by the map's width, s by differences.
-    along = np.cross(light, np.cross(np.array(own["warp_direction"]), light))
+    along = np.cross(light, np.cross(np.asarray(solution.direction), light))
     clip = np.c_[points, np.ones(len(points))] @ matrix.T
     up = np.c_[points + 1e-3 * along, np.ones(len(points))] @ matrix.T
     side = np.c_[points + 1e-3 * np.cross(light, along), np.ones(len(points))] @ matrix.T
     ds = np.abs(up[:, 1] / up[:, 3] - clip[:, 1] / clip[:, 3]) / 2e-3
     dt = np.abs(side[:, 0] / side[:, 3] - clip[:, 0] / clip[:, 3]) / 2e-3
     texel = np.hypot(1 / (ds * 2048), 1 / (dt * 1024))
-    bias = own["depth"]["bias_at_45_deg"]
+    bias = own["bias_at_45_deg"]
     assert bias["smallest"] == pytest.approx(texel.min() / 2, rel=1e-3)
     assert bias["largest"] == pytest.approx(texel.max() / 2, rel=1e-3)
-    assert own["depth"]["slope_scale"] == 1
+    assert own["slope_scale"] == 1
 
 
 def test_reversed_buffers_are_fine_far_from_the_light():
@@ -111,6 +103,7 @@ def test_casters_of_their_own_are_read(folder):
     box = shape_of(BOX, "[casters]\nbox = { lower = [-inf, 0, -inf], upper = [inf, 5, inf] }\n")[2]
     assert (box.lower, box.upper) == ((-np.inf, 0, -np.inf), (np.inf, 5, np.inf))
     assert shape_of("whole_frustum = {}", "")[2] is None
+    assert shape_of(BOX, "[casters]\ndepth_clamp = true\n")[2] is None
     for more, words in (
         ("[casters.gltf]\n", "casters.gltf.file: missing"),
         (

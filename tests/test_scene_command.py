@@ -65,6 +65,8 @@ def test_the_worked_example_writes_what_the_library_computes(folder, capsys):
     report = (folder / "out/report.md").read_text()
     assert re.search(r"The optimum's error is [\d.]+ to [\d.]+ times the limit", report)
     assert "*Error at each pixel, light 0, E_p, norm inf" in report  # of the only camera
+    assert problem["depth"]["receivers_share"] > 0.6
+    assert 0 < problem["depth"]["steps"]["d24"]["smallest"] < problem["depth"]["steps"]["d16"]["smallest"] < 1
     matrix = warpopt.shadow_matrix(view, solution, casters=scene.triangles)
     np.testing.assert_allclose(problem["matrix"], matrix, rtol=1e-6, atol=1e-9)
     # Every caster is in the map's depth range or behind, none before it; all that is seen is inside the map.
