@@ -20,8 +20,8 @@ html_show_copyright = html_copy_source = html_show_sourcelink = False
 root_doc = "README"
 include_patterns = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md"]
 PAGES = [
-    "objectives", "direction", "pixels", "scenes", "comparing", "gallery", "engines", "theory", "corrections", "claims",
-    "performance", "scaling", "glossary", "support",
+    "objectives", "direction", "pixels", "stability", "scenes", "comparing", "gallery", "engines", "theory",
+    "corrections", "claims", "performance", "scaling", "glossary", "support",
 ]  # fmt: skip
 PAGES += ["reference"]
 

@@ -72,7 +72,8 @@ def validate(words: list[str], text: str, file: Path) -> None:
     if tool is None:
         missing("glslangValidator is not on this machine: apt-get install glslang-tools")
     file.write_text(text)
-    result = subprocess.run([tool, *words, str(file)], capture_output=True, text=True)
+    # It writes what it compiles into its working directory.
+    result = subprocess.run([tool, *words, str(file)], capture_output=True, text=True, cwd=file.parent)
     assert result.returncode == 0, result.stdout + result.stderr
 
 

@@ -248,14 +248,24 @@ def test_pixels_are_measured_and_written_into_pages(tmp_path, main, script, monk
 
 
 def test_flicker_is_measured(tmp_path, main):
-    """A snapped sphere does not flicker while walking, a fit each frame does."""
+    """A snapped sphere does not flicker while walking, nor does a window that keeps; a fit each frame does."""
     pytest.importorskip("embreex")
     main("flicker", "--short", "--directory", str(tmp_path), "--images", str(tmp_path))
     (told,) = json.loads((tmp_path / "flicker.json").read_text()).values()
     assert told["sphere"]["flipped"] == 0
     assert told["none"]["flipped"] + told["lispsm"]["flipped"] > 0
+    assert told["window-none"]["between"] == told["window-p-inf"]["between"] == 0
     assert "snapped" in (tmp_path / "flicker.md").read_text()
-    assert (tmp_path / "flicker.gif").stat().st_size > 1000
+    for name in ("flicker.gif", "stability.png"):
+        assert (tmp_path / name).stat().st_size > 1000
+
+
+def test_a_window_that_keeps_costs_a_pass(tmp_path, main, capsys):
+    main("window_cost", "--short", "--directory", str(tmp_path))
+    told = json.loads((tmp_path / "window_cost.json").read_text())
+    assert told["state_bytes"] < 1024
+    assert 0 < told["ratios"]["keeps"] < 10  # the bar is for a whole frame on an idle machine
+    assert "an update that keeps" in capsys.readouterr().out
 
 
 def test_figure_3_is_drawn(tmp_path, main, capsys):

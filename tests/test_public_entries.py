@@ -16,6 +16,7 @@ from warpopt import (
     Metric,
     Objective,
     SceneView,
+    StableWindow,
     ViewFrustum,
     Warp,
     build_table,
@@ -25,7 +26,6 @@ from warpopt import (
     lower_bound_map,
     optimal_warp,
     shadow_matrix,
-    texel_snap,
 )
 from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, PointReceivers, WholeFrustum
 from warpopt.theory import Extent
@@ -246,10 +246,9 @@ CASES = [
     Case("shadow_matrix of a frustum", lambda: shadow_matrix(VIEW, WARP), "view: got FrustumView"),
     Case("shadow_matrix of a camera", lambda: shadow_matrix(CAMERA, WARP), "view: got Camera"),
     *(
-        Case(f"texel_snap {v!r}", lambda v=v: texel_snap(np.eye(4), v), "resolution: got ")
+        Case(f"StableWindow(shadow_map={v!r})", lambda v=v: StableWindow(shadow_map=v), "shadow_map: got ")
         for v in (5, (5,), (0, 5), (NAN, 5), "big", ("a", "b"))
     ),
-    Case("texel_snap shape", lambda: texel_snap(np.eye(3), (4, 4)), "matrix: got shape (3, 3)"),
     *(
         Case(f"ClipSpace({name}={v!r})", lambda name=name, v=v: ClipSpace(**{name: v}), f"{name}: got ")
         for name in ("z_zero_to_one", "y_down", "reversed_z", "row_vectors")
@@ -404,8 +403,6 @@ def test_lists_are_taken_where_tuples_are():
     one = shadow_matrix(listed, FOUND, casters=casters, padding=[0.01, 0.02])
     other = shadow_matrix(as_tuples, FOUND, casters=np.array(casters), padding=(0.01, 0.02))
     np.testing.assert_array_equal(one, other)
-    plain = np.eye(4)
-    np.testing.assert_array_equal(texel_snap(plain.tolist(), [64, 64]), texel_snap(plain, (64, 64)))
     box, same = ConvexBody.box([-1, -1, -9], [1, 1, -3]), ConvexBody.box((-1, -1, -9), (1, 1, -3))
     np.testing.assert_array_equal(box.planes, same.planes)
     assert PointReceivers([[0, 0, -5.0]], [1]).points.shape == (1, 3)

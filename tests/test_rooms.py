@@ -20,7 +20,9 @@ def test_imports_keep_to_the_floors():
 
 def test_experiments_use_public_names_only():
     """Of the command line, what `app/common/__init__.py` and `app/inputs` name; nothing that begins with _."""
-    public = re.compile(r"cli|inputs(\.\w+)?|common|common\.(figure_style|error_maps|jax_settings|light_plane)")
+    public = re.compile(
+        r"cli|inputs(\.\w+)?|common|common\.(figure_style|error_maps|flicker_figure|jax_settings|light_plane)"
+    )
     for path in (ROOT / "experiments").glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []

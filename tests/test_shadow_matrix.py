@@ -178,32 +178,6 @@ def test_the_order_of_light_reaches_the_light_from_receivers_to_sky():
     assert clip[nearest, 2] / clip[nearest, 3] == pytest.approx(1, abs=1e-12)
 
 
-def test_texel_snap_moves_by_less_than_a_texel_and_holds_still():
-    camera, light, _ = posed(0.9)
-    view = SceneView(camera, light)
-    plain = shadow_matrix(view, Warp.from_eta(1.0, view.footprint()))
-    resolution = (512, 256)
-    snapped = warpopt.texel_snap(plain, resolution)
-    texel = 2 / np.array(resolution)
-    origin = np.asarray(snapped)[:2, 3] / texel
-    np.testing.assert_allclose(origin, np.round(origin), atol=1e-9)
-    assert (np.abs(np.asarray(snapped - plain)[:2, 3]) <= texel / 2 * (1 + 1e-12)).all()
-    np.testing.assert_array_equal(snapped[:, :3], plain[:, :3])
-    rows = warpopt.texel_snap(plain.T, resolution, ClipSpace(row_vectors=True))
-    np.testing.assert_array_equal(rows.T, snapped)
-    warped = shadow_matrix(view, Warp.from_eta(0.1, view.footprint()))
-    with pytest.raises(ValueError, match="unwarped one"):
-        warpopt.texel_snap(warped, resolution)
-    # With a texel of padding nothing leaves the map by being moved.
-    padding = (1 / resolution[0], 1 / resolution[1])
-    roomy = shadow_matrix(view, Warp.from_eta(1.0, view.footprint()), padding=padding)
-    t, s, _, _ = through(warpopt.texel_snap(roomy, resolution), posed(0.9)[2](eye_points(1)), ClipSpace())
-    assert min(t.min(), s.min()) > 0
-    assert max(t.max(), s.max()) < 1
-    with pytest.raises(ValueError, match="two positive numbers"):
-        warpopt.texel_snap(plain, (0, 4))
-
-
 def test_receivers_of_any_kind_land_in_the_map():
     """No receiver outside, ever: a thousand points that are grouped conservatively, at their own optimum."""
     rng = np.random.default_rng(9)

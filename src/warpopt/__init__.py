@@ -11,12 +11,12 @@ __version__ = "0.1.0"
 _HOME = {
     "receivers": "",
     "rules": "",
+    "stable": "",
     "theory": "",
     "lower_bound": "bound.lower_bound",
     "lower_bound_map": "bound.lower_bound",
     "BoundMap": "bound.map",
     "compare_rules": "compare.compare_rules",
-    "Comparison": "compare.comparison",
     "export_closed_form": "export.sources",
     "export_source": "export.sources",
     "Metric": "objective",
@@ -25,12 +25,12 @@ _HOME = {
     "RenderedMap": "render.edge_weights",
     "ClipSpace": "render.shadow_matrix",
     "shadow_matrix": "render.shadow_matrix",
-    "texel_snap": "render.shadow_matrix",
     "error_norm": "solve.optimal_warp",
     "optimal_warp": "solve.optimal_warp",
     "Outcome": "solve.outcome",
     "SceneSolution": "solve.solution",
     "Solution": "solve.solution",
+    "StableWindow": "stable.window",
     "build_table": "table.build.build_table",
     "LambdaTable": "table.lambda_table",
     "Camera": "theory.camera",
@@ -44,18 +44,18 @@ _HOME = {
 __all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 
 if TYPE_CHECKING:
-    from . import receivers, rules, theory
+    from . import receivers, rules, stable, theory
     from .bound.lower_bound import lower_bound, lower_bound_map
     from .bound.map import BoundMap
     from .compare.compare_rules import compare_rules
-    from .compare.comparison import Comparison
     from .export.sources import export_closed_form, export_source
     from .objective import Metric, Objective
     from .render.edge_weights import RenderedMap, edge_weights
-    from .render.shadow_matrix import ClipSpace, shadow_matrix, texel_snap
+    from .render.shadow_matrix import ClipSpace, shadow_matrix
     from .solve.optimal_warp import error_norm, optimal_warp
     from .solve.outcome import Outcome
     from .solve.solution import SceneSolution, Solution
+    from .stable.window import StableWindow
     from .table.build.build_table import build_table
     from .table.lambda_table import LambdaTable
     from .theory.camera import Camera, DirectionalLight

@@ -36,7 +36,7 @@ class Language:
     def body(self, text: str, prefix: str) -> str:
         """A function's body from the neutral form, indented."""
         text = spelt_names(text.strip("\n"), prefix)
-        text = re.sub(r"\b(exp|log|sqrt|abs|sin|cos|tan)\(", lambda m: f"{self.math(m[1])}(", text)
+        text = re.sub(r"\b(exp|log|sqrt|abs|sin|cos|tan|ceil|floor)\(", lambda m: f"{self.math(m[1])}(", text)
         text = re.sub(r"\bone\(", self.one, text)
         text = re.sub(r"(\d)f\b", rf"\g<1>{self.literal}", text)
         text = re.sub(r"\b(float|int) (\w+)(?= =)", lambda m: self.declare(m[1], m[2]), text)

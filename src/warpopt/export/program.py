@@ -2,7 +2,7 @@
 
 The neutral form is C restricted to what C, C++, GLSL, HLSL and WGSL share: no ternary, no assignment to a parameter,
 braces everywhere, locals declared as `float x = ...;` or `int i = ...;`, literals with f,
-`exp log sqrt abs sin cos tan`, `one(x > y)` for 1 if true and else 0, and `$name` for names that the file defines.
+`exp log sqrt abs sin cos tan ceil floor`, `one(x > y)` for 1 if true and else 0, and `$name` for names of the file.
 """
 
 import dataclasses

@@ -5,9 +5,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ..stable.update import Update
+from ..stable.window import StableWindow
 from .fits import Fitting
 from .light_rays import LitScene
-from .names import title_of, warp_of_method
+from .names import WINDOW, objective_of, title_of, turn_of, warp_of_method
 from .paths import Method, sphere_matrix, stepped_far, widened
 from .seen import Frame, see
 
@@ -26,6 +28,8 @@ def method_title(name: str) -> str:
         return "sphere to the far plane, snapped"
     if name == "sphere-receivers":
         return "sphere to the farthest receiver, snapped"
+    if name.startswith(WINDOW):
+        return f"{title_of(name.removeprefix(WINDOW))}, in a stable window"
     if name.startswith("held-"):
         return f"{title_of(name.removeprefix('held-'))}, fitted every {HELD} frames"
     return f"{title_of(name)}, fitted each frame"
@@ -51,6 +55,8 @@ def method_of(name: str, texels: int) -> Method:
             return sphere_matrix(scene, frame.camera, min(far, 2 * scene.size + 1), texels)
 
         return sphere
+    if name.startswith(WINDOW):
+        return Windowed(warp, texels)
     held: dict[str, Any] = {}
 
     def fitted(number: int, scene: LitScene, frame: Frame) -> Float[np.ndarray, "4 4"]:
@@ -63,3 +69,39 @@ def method_of(name: str, texels: int) -> Method:
         return held["matrix"]
 
     return fitted
+
+
+class Windowed:
+    """A stable window by the name of its warp: "none", or that of an objective, with "turned-" or "shaped-" before it.
+
+    Args:
+        texels: along each side of the map.
+        settings: of the `StableWindow`, in place of its own.
+
+    Attributes:
+        updates: what it did in each frame.
+    """
+
+    def __init__(self, name: str, texels: int, **settings: Any):
+        prefix, self._kind = turn_of(name)
+        self._settings: dict[str, Any] = {
+            "objective": objective_of(name), "warp": name != "none", "warp_direction": "best" if prefix else "view",
+            "map_aspect": "best" if prefix == "shaped-" else 1.0, "shadow_map": (texels, texels),
+        } | settings  # fmt: skip
+        self._texels = texels, texels
+        self._window: StableWindow | None = None
+        self.updates: list[Update] = []
+
+    def __call__(self, number: int, scene: LitScene, frame: Frame) -> Float[np.ndarray, "4 4"]:
+        if self._window is None:
+            height, width = frame.judged.shape
+            settings: dict[str, Any] = self._settings | {"screen": (width, height)}
+            self._window = StableWindow(**settings)
+            self._state = self._window.start()
+        fitting = Fitting(scene, frame, self._texels)
+        view = fitting.view(self._kind) if self._kind in ("edge", "band") else fitting.uniform()
+        update, self._state = self._window.update(
+            self._state, view.camera, view.light, view.receivers, casters=scene.corners_all
+        )
+        self.updates.append(update)
+        return np.asarray(update.matrix, float)

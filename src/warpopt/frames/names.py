@@ -14,6 +14,8 @@ STABLE = ("sphere", "sphere-receivers")
 """Engines' fits without a warp whose texels stay where they are."""
 DEFAULT = ("none", "lispsm", "tsm", "filament", "p-inf", "edge", "band", "turned-edge", "turned-band", "best")
 PREFIXES = ("turned-", "shaped-")
+WINDOW = "window-"
+"""Before a warp's name: fitted once with a margin, then kept or scrolled."""
 
 
 def turn_of(name: str) -> tuple[str, str]:
@@ -75,16 +77,18 @@ def warp_of_method(name: str) -> str | None:
     """
     if name in STABLE:
         return None
-    warp = name.removeprefix("held-") if isinstance(name, str) else ""
+    warp = name.removeprefix("held-").removeprefix(WINDOW) if isinstance(name, str) else ""
     try:
-        objective_of(warp)
-        known = warp != "best"
+        objective = objective_of(warp)
+        # A stable window minimises an objective, or has no warp: a rule has no error that could pass a tolerance.
+        known = warp != "best" and not (name.startswith(WINDOW) and objective is None and warp != "none")
     except ValueError:
         known = False
     if not known:
         raise ValueError(
             f"got {shown(name)}, expected {' or '.join(map(repr, STABLE))}, or a warp that does not need the truth "
-            "('none', a rule, 'edge', 'band' or a metric and a norm such as 'p-inf'), with or without 'held-' before it"
+            "('none', a rule, 'edge', 'band' or a metric and a norm such as 'p-inf'), with or without 'held-' before "
+            "it, or 'window-' before 'none' or an objective"
         )
     return warp
 

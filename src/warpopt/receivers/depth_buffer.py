@@ -21,7 +21,7 @@ from .footprint import Footprint
 from .points import PointReceivers
 from .profiles.binned import BinnedProfile, PointSet
 from .receivers import Receivers
-from .samples import Normal
+from .samples import Counted, Normal
 from .sketch import sketch_of_pixels
 from .weighted.cells import EXACT, with_samples
 from .weighted.weights import Weighting, Weights
@@ -108,6 +108,11 @@ class DepthBuffer(Receivers):
         """See `Receivers`: every pixel that sees something."""
         points, seen = eye_points(self, camera)
         return points.reshape(-1, 3), seen.ravel().astype(points.dtype)
+
+    def counted(self, camera: Camera, objective: Objective) -> Counted:
+        """See `Receivers`."""
+        points, seen = eye_points(self, camera)
+        return self.weights.counted(points.reshape(-1, 3), seen.ravel(), objective.kernel)
 
     def sketch(self, camera: Camera, objective: Objective) -> Receivers:
         """See `Receivers`: the pixels as points if they are few, else tiles of them, each in two parts by depth."""

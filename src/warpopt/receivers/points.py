@@ -17,6 +17,7 @@ from .bins import BINS, bin_of, ends, extent_of, from_groups, grouped, with_mome
 from .footprint import Footprint
 from .profiles.binned import BinnedProfile, PointSet
 from .receivers import Receivers
+from .samples import Counted
 from .sketch import sketch_of_points
 from .weighted.cells import EXACT, with_samples
 from .weighted.weights import Weighting, Weights
@@ -98,6 +99,13 @@ class PointReceivers(Receivers):
         """See `Receivers`: all that are seen, whatever their weight."""
         points, seen = self._seen(camera)
         return points, seen.astype(points.dtype)
+
+    def counted(self, camera: Camera, objective: Objective) -> Counted:
+        """See `Receivers`."""
+        points, seen = self._seen(camera)
+        if not len(self.points):
+            return Counted(points, jnp.zeros_like(points[:, 2]), None)
+        return self.weights.counted(points, seen, objective.kernel)
 
     def sketch(self, camera: Camera, objective: Objective) -> Receivers:
         """See `Receivers`: themselves if they are few."""

@@ -13,6 +13,7 @@ from ..theory.light_frame import LightFrame
 from .footprint import Footprint
 from .profiles.nearness import over_points
 from .profiles.profile import DepthProfile
+from .samples import Counted
 
 EVERY_MEASURE: tuple[str, ...] = get_args(Measure)
 
@@ -79,6 +80,19 @@ class Receivers(eqx.Module):
         """
         raise ValueError(
             f"receivers: got {type(self).__name__}, which has no places, as the directions 'gradient' and 'middle' need"
+        )
+
+    def counted(self, camera: Camera, objective: Objective) -> Counted:
+        """The receivers one by one, for means over maps that were not fitted to them.
+
+        Called under `jax.jit`.
+
+        Raises:
+            ValueError: this kind has none.
+        """
+        raise ValueError(
+            f"receivers: got {type(self).__name__}, which cannot count its receivers one by one, as the mean "
+            f"{objective.name!r} in a stable window needs"
         )
 
     def sketch(self, camera: Camera, objective: Objective) -> "Receivers":

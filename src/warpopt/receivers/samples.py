@@ -4,6 +4,8 @@ E_p, E_q and the shear depend on a receiver's depth along Z_w and its distance f
 factor, 1/z, and so part of its weight.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 from jaxtyping import Array, Float
 
@@ -11,6 +13,20 @@ from ..theory.light_space import LightDepth
 
 Normal = tuple[Array, Array]
 """Components of an edge's unit normal along the screen images of Z_w and X_w."""
+
+
+class Counted(NamedTuple):
+    """Receivers one by one, in eye coordinates.
+
+    Attributes:
+        points: where they are.
+        weights: what each counts for in a mean.
+        normals: of the edge beside each on the screen, (right, up); None where edges' directions are unknown.
+    """
+
+    points: Float[Array, "N 3"]
+    weights: Float[Array, " N"]
+    normals: tuple[Float[Array, " N"], Float[Array, " N"]] | None
 
 
 class Corners(eqx.Module):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -95,7 +96,7 @@ def shadow_matrix(
             depthClampEnable, Direct3D's DepthClipEnable = FALSE and OpenGL's GL_DEPTH_CLAMP do ("pancaking"): the depth
             begins at the receivers, whatever the casters.
         padding: fractions of the map, along (t, s), left free at each edge: (1/width, 1/height) leaves a texel for
-            filters and for `texel_snap`.
+            filters. For maps that stay where they are over time see `StableWindow`.
     Raises:
         ValueError: for casters of a wrong shape or not finite, a padding outside [0, 1/2), or an apex that is not
             before the receivers (a matrix of NaN when traced); casters so far before the receivers that the depth
@@ -127,7 +128,7 @@ def matrix_and_depth(
     padding: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Float[Array, "4 4"], MapDepth]:
     """(`shadow_matrix`, what its depth spans); raises as that."""
-    clip_space = _checked_clip_space(clip_space)
+    clip_space = checked_clip_space(clip_space)
     padding = pair("padding", padding, lambda v: 0 <= v < 0.5, "two fractions in [0, 1/2)")
     instance("view", view, SceneView)
     view, warp = placed(view, warp)
@@ -191,50 +192,18 @@ def _matrix(
     pad_t, pad_s = padding.astype(mu.dtype)
     inner = jnp.diag(jnp.stack([1 - 2 * pad_t, jnp.ones_like(mu), 1 - 2 * pad_s, jnp.ones_like(mu)]))
     inner = inner.at[0, 3].set(pad_t).at[2, 3].set(pad_s)
-    matrix = jnp.asarray(_to_clip(clip_space, mu.dtype)) @ inner @ f @ w_p @ upright @ w_v @ l_p @ l_v
+    matrix = jnp.asarray(to_clip(clip_space, mu.dtype)) @ inner @ f @ w_p @ upright @ w_v @ l_p @ l_v
     # With fewer digits than that, all receivers are at one depth.
     matrix = jnp.where(depth.extent < _LEAST_EXTENT * jnp.finfo(mu.dtype).eps, jnp.nan, matrix)
     return matrix.T if clip_space.row_vectors else matrix, warp.lost_over(own), depth
 
 
-def texel_snap(
-    matrix: Numbers, resolution: tuple[int, int], clip_space: ClipSpace | None = None
-) -> Float[Array, "4 4"]:
-    """An unwarped shadow matrix, shifted by less than a texel so that the world's origin lies on a texel corner.
-
-    If the fit keeps its size (as the whole frustum's does while the camera moves without turning), shadow edges do not
-    crawl. This is impossible with a warp, as its texels differ in size.
-
-    Args:
-        matrix: from `shadow_matrix` with eta = 1 and a padding of a texel for the shift.
-        resolution: texels along (t, s).
-        clip_space: the one used for the matrix.
+def checked_clip_space(clip_space: ClipSpace | None) -> ClipSpace:
+    """The convention; OpenGL's for None.
 
     Raises:
-        ValueError: for a warped matrix, a wrong shape, or a resolution that is not two positive numbers.
-
-    Example:
-        >>> import jax.numpy as jnp
-        >>> moved = texel_snap(jnp.eye(4).at[0, 3].set(0.3), (4, 4))
-        >>> round(float(moved[0, 3]), 3)   # texels are 0.5 wide in clip space
-        0.5
+        ValueError: anything else.
     """
-    clip_space = _checked_clip_space(clip_space)
-    (matrix,) = float_arrays(matrix=matrix)
-    if matrix.shape != (4, 4):
-        raise ValueError(f"matrix: got shape {matrix.shape}, expected (4, 4)")
-    size = pair("resolution", resolution, lambda v: v > 0, "two positive numbers")
-    columns = matrix.T if clip_space.row_vectors else matrix
-    last = checked(
-        "matrix", columns[3], lambda row: row == jnp.array([0, 0, 0, 1]), "an unwarped one: w = 1 for every point"
-    )
-    texels = jnp.asarray(np.asarray(size), matrix.dtype) / 2
-    offset = columns[:2, 3]
-    snapped = jnp.concatenate([columns[:3].at[:2, 3].set(jnp.round(offset * texels) / texels), last[None]])
-    return snapped.T if clip_space.row_vectors else snapped
-
-
-def _checked_clip_space(clip_space: ClipSpace | None) -> ClipSpace:
     if clip_space is None:
         return ClipSpace()
     if not isinstance(clip_space, ClipSpace):
@@ -246,7 +215,7 @@ def _affine(linear: Array, offset: Array) -> Array:
     return jnp.concatenate([jnp.c_[linear, offset], jnp.array([[0.0, 0.0, 0.0, 1.0]], linear.dtype)])
 
 
-def _to_clip(clip_space: ClipSpace, dtype) -> np.ndarray:
+def to_clip(clip_space: ClipSpace, dtype: Any) -> Float[np.ndarray, "4 4"]:
     """From (t, depth, s, 1), the depth increasing away from the light, to clip space."""
     y = -1 if clip_space.y_down else 1
     low, high = (0, 1) if clip_space.z_zero_to_one else (-1, 1)

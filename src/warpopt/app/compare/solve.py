@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 import warpopt
+from warpopt.compare.comparison import Comparison
 from warpopt.objective import Objective
 
 from ..common.of_objective import OfObjective
@@ -27,7 +28,7 @@ class Compared(OfObjective):
 
     objective: Objective
     camera: int | None
-    result: "warpopt.Comparison"
+    result: Comparison
 
     @property
     def title(self) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 import warpopt
+from warpopt.compare.comparison import Comparison
 
 from ..common.record import finite_or_none, write_csv
 from ..inputs.scene_files import SceneInput
@@ -105,7 +106,7 @@ def _objective(c: Compared) -> dict[str, Any]:
     }
 
 
-def _rule(r: "warpopt.Comparison", i: int, name: str) -> dict[str, Any]:
+def _rule(r: Comparison, i: int, name: str) -> dict[str, Any]:
     regions = r.regions or {}
     return {
         "eta": _numbers(r.eta[i]),
@@ -120,7 +121,7 @@ def _rule(r: "warpopt.Comparison", i: int, name: str) -> dict[str, Any]:
     }
 
 
-def _worst(r: "warpopt.Comparison", name: str, over: str) -> dict[str, Any] | None:
+def _worst(r: Comparison, name: str, over: str) -> dict[str, Any] | None:
     worst = r.worst(name, _OVER[over])
     if worst.nearest < 0:
         return None

@@ -11,10 +11,11 @@ from ..common.jax_settings import prepare_jax
 
 @dataclasses.dataclass(frozen=True)
 class Export(Plain):
-    """Source code for engines, from a table or for the closed form."""
+    """Source code for engines: from a table, of the closed form, or of the stable window."""
 
     table: tyro.conf.Positional[str]
-    """A table (.npz, .csv, .json), or `closed-form`: the exact L-inf optimum of any view frustum, without a table."""
+    """A table (.npz, .csv, .json); `closed-form`, the exact L-inf optimum of any view frustum, without a table; or
+    `window`, the whole texels by which a map that stays where it is follows its receivers."""
     to: str
     """Languages, separated by commas: c, cpp, glsl, hlsl, wgsl; for a table also csv, json, npz."""
     directory: Path = Path(".")

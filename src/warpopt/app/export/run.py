@@ -7,6 +7,7 @@ from warpopt.export.closed_form import closed_form_source
 from warpopt.export.ground import ground_source
 from warpopt.export.languages import LANGUAGES
 from warpopt.export.lookup import source
+from warpopt.export.window import window_source
 from warpopt.table.lambda_table import LambdaTable
 
 from ..common.output import whole_files
@@ -23,7 +24,10 @@ def export(request: ExportRequest) -> int:
     """
     directory, languages = request.directory, [form for name in request.code for form in LANGUAGES[name]]
     contents: dict[Path, bytes] = {}
-    if request.table is None:
+    if request.window:
+        for form in languages:
+            contents[directory / f"window{form.suffix}"] = window_source(form, request.prefix).encode()
+    elif request.table is None:
         for form in languages:
             made, name = (
                 (ground_source, "ground_") if request.receivers == "ground" else (closed_form_source, "closed_form_")

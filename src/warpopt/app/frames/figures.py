@@ -14,12 +14,11 @@ from warpopt.frames.pictures import map_picture, painted, worst_places, wrong_pi
 from warpopt.rules.registry import EVERY
 
 from ..common import figure_style as style
+from ..common.flicker_figure import COLOURS
 
 _PIXELS = 100  # per inch: pictures are saved at 100 dpi, one pixel for one
 _MOST = 960  # pixels of a frame's width; wider ones are reduced
 _GAP = 0.12
-_COLOURS = {"p-inf": "#000000", "edge": "#d62612", "band": "#0d61d9", "none": "#a3a3a3", "best": "#009e73"}
-_COLOURS |= {"turned-edge": "#e8833a", "turned-band": "#5aa9e6"}
 
 
 def frame_pictures(
@@ -96,7 +95,7 @@ def scan_figure(scan: dict[str, Any], rows: list[dict[str, Any]]) -> Figure:
     handles = []
     for k, row in enumerate(row for row in rows if row.get("wrong") is not None):
         name = row["warp"]
-        colour = _COLOURS.get(name) or (EVERY[name].colour if name in EVERY else "#cc79a7")
+        colour = COLOURS.get(name) or (EVERY[name].colour if name in EVERY else "#cc79a7")
         value = 100 * row["wrong"]
         (line,) = axes.plot(row["eta"], value, "osD^vPX*<>"[k % 10], color=colour, markerfacecolor="none",
                             markeredgewidth=1.5, markersize=7, linestyle="", zorder=3,

@@ -10,9 +10,10 @@ import numpy as np
 from PIL import Image
 
 from warpopt.frames import LitScene, ShadowMap, judge, see
-from warpopt.frames.methods import method_of, method_title
-from warpopt.frames.paths import Moment, flips, path
+from warpopt.frames.methods import Windowed, method_of, method_title
+from warpopt.frames.paths import Moment, flips
 from warpopt.frames.pictures import enlarged, painted, worst_places, wrong_pixels
+from warpopt.stable import Action
 
 from ...scene_files.scene_camera import SceneCamera
 from .settings import FramesConfig
@@ -27,10 +28,11 @@ class Course:
     wrong: list[float]
     flipped: int = 0
     compared: int = 0
+    pops: list[float] = dataclasses.field(default_factory=list)  # the share of points that each refit flips
 
 
 def measured_path(
-    config: FramesConfig, triangles: np.ndarray, camera: SceneCamera, light: np.ndarray, folder: Path,
+    config: FramesConfig, triangles: np.ndarray, steps: list[tuple[SceneCamera, np.ndarray]], folder: Path,
     progress: Callable[[str], None],
 ) -> dict[str, Any]:  # fmt: skip
     """A row for each method, and the names of the animations that were written into the folder."""
@@ -38,7 +40,6 @@ def measured_path(
     assert asked is not None  # only called with a path
     width, height = frames.screen
     texels = frames.shadow_map[0]
-    steps = path(asked.kind, camera, light, asked.count, asked.rate)
     methods = {name: method_of(name, texels) for name in asked.methods}
     courses = {name: Course([]) for name in asked.methods}
     previous: dict[str, Moment] = {}
@@ -59,6 +60,8 @@ def measured_path(
                 flipped, compared = flips(previous[name], moment, reading)
                 courses[name].flipped += flipped
                 courses[name].compared += compared
+                if isinstance(method, Windowed) and method.updates[-1].action == Action.REFITTED:
+                    courses[name].pops.append(flipped / max(1, compared))
             previous[name] = moment
         if place is None:
             size = max(height // 3, 8)
@@ -77,6 +80,8 @@ def measured_path(
             "method": name, "static": float(np.nanmean(course.wrong)) if course.wrong else None,
             "flicker": course.flipped / course.compared if course.compared else None,
             "frames": len(course.wrong), "compared": course.compared,
+            "refits": len(course.pops) if isinstance(methods[name], Windowed) else None,
+            "worst_pop": max(course.pops) if course.pops else None,
         }
         for name, course in courses.items()
     ]  # fmt: skip

@@ -86,14 +86,19 @@ def _flicker(config: FramesConfig, course: dict[str, Any]) -> list[str]:
         [
             method_title(row["method"]),
             *(_percent(np.nan if row[key] is None else row[key]) for key in ("static", "flicker")),
+            "-" if row["refits"] is None else str(row["refits"]),
+            "-" if row["worst_pop"] is None else _percent(row["worst_pop"]),
         ]
         for row in course["rows"]
     ]
+    count = max((row["frames"] for row in course["rows"]), default=0)
     return [
-        f"## Along a path: {path.kind}, {path.count} frames, {path.rate:g} a second\n",
+        f"## Along a path: {path.kind}, {count} frames, {path.rate:g} a second\n",
         "False flicker is the share of a frame's world points, seen in the next frame too and with unchanged truth, "
-        "whose verdict changes. A method that changes nothing does not flicker, and may be wrong all the time.\n",
-        markdown_table(["method", "wrong", "false flicker"], rows),
+        "whose verdict changes. A method that changes nothing does not flicker, and may be wrong all the time. A "
+        "stable window is fitted anew where it must be: each such refit flips points once.\n",
+        markdown_table(["method", "wrong", "false flicker", "refits", "points flipped by the worst"], rows),
+        *(["![Static error against flicker](flicker.png)\n"] if config.output.figures else []),
         *markdown_pictures([(name.removesuffix(".gif"), caption) for name, caption in course["pictures"]], ".gif"),
     ]
 

@@ -15,7 +15,9 @@ from rich.table import Table
 from warpopt.frames import Frame, LitScene, measured, see
 from warpopt.frames.fits import SCAN, Fitted, Fitting
 from warpopt.frames.names import title_of
+from warpopt.frames.paths import path
 
+from ...scene_files.scene_camera import SceneCamera
 from ..common.output import whole_folder
 from ..common.record import environment, progress_bar, timed, write_csv, write_mark
 from ..inputs.scene_files import SceneInput
@@ -29,7 +31,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
-FLICKER = ("method", "static", "flicker", "frames", "compared")
+FLICKER = ("method", "static", "flicker", "frames", "compared", "refits", "worst_pop")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,10 +54,13 @@ def run_frames(config: FramesConfig, scene: SceneInput, console: Console | None 
     console = console or Console()
     places = [
         Place(i, camera, light)
-        for i, (camera, light) in enumerate(np.ndindex(len(scene.cameras), len(scene.lights)))
+        for i, (camera, light) in enumerate(
+            np.ndindex(1 if config.camera_path else len(scene.cameras), len(scene.lights))
+        )
     ]  # fmt: skip
     parts, timings = Parts(config, scene), {}
-    steps = len(places) + (config.frames.path.count if config.frames.path else 0)
+    asked = config.frames.path
+    steps = len(places) + (0 if asked is None else len(scene.camera_of) if config.camera_path else asked.count)
     with whole_folder(config.output.directory) as folder, progress_bar(console, steps) as progress:
         with timed(timings, "frames_s"):
             records = _records(config, scene, places, parts, progress)
@@ -63,7 +68,9 @@ def run_frames(config: FramesConfig, scene: SceneInput, console: Console | None 
             course = _course(config, scene, parts, len(places), progress) if config.frames.path else None
         if course is not None:
             parts.move(course["files"], folder)
-            write_csv(folder / "flicker.csv", FLICKER, ([row[key] for key in FLICKER] for row in course["rows"]))
+            if config.output.figures:
+                _flicker_figure(course, folder)
+            write_csv(folder / "flicker.csv", FLICKER, ([_cell(row[key]) for key in FLICKER] for row in course["rows"]))
         for record in records:
             parts.move(record["files"], folder)
         rows = [row for record in records for row in record["rows"]]
@@ -109,11 +116,28 @@ def _course(config: FramesConfig, scene: SceneInput, parts: Parts, number: int, 
         from .motion import measured_path
 
         assert scene.triangles is not None
-        record = measured_path(
-            config, scene.triangles, scene.cameras[0], np.array(scene.lights[0]), parts.folder, progress
-        )
+        record = measured_path(config, scene.triangles, _poses(config, scene), parts.folder, progress)
         parts.write(number, record)
     return record
+
+
+def _cell(value: Any) -> Any:
+    return "" if value is None else value
+
+
+def _flicker_figure(course: dict[str, Any], folder: Path) -> None:
+    from ..common.flicker_figure import flicker_figure
+
+    flicker_figure({"": course["rows"]}).savefig(folder / "flicker.png", dpi=160)
+
+
+def _poses(config: FramesConfig, scene: SceneInput) -> list[tuple[SceneCamera, np.ndarray]]:
+    """(camera, light) of each frame of the path."""
+    asked, light = config.frames.path, np.array(scene.lights[0])
+    assert asked is not None  # only called with a path
+    if asked.kind == "cameras":
+        return [(scene.cameras[i], light) for i in scene.camera_of]
+    return path(asked.kind, scene.cameras[0], light, asked.count, asked.rate)
 
 
 def _record(config: FramesConfig, scene: SceneInput, place: Place, lit: LitScene, parts: Parts) -> dict[str, Any]:

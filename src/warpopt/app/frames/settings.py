@@ -34,16 +34,20 @@ def _checked_by(check: Callable[[str], object], name: str) -> str:
 class PathSection(Section):
     """A path from the first camera under the first light."""
 
-    kind: Literal["walk", "turn", "look", "sun"]
-    """Walking forwards, turning by 45 degrees a second, walking and looking about, a sun that moves."""
+    kind: Literal["walk", "turn", "look", "sun", "cameras"]
+    """Walking forwards, turning by 45 degrees a second, walking and looking about, a sun that moves; or the cameras of
+    [camera_path], of which the first alone is rendered under every warp."""
     count: Annotated[int, Field(ge=2, le=3600)] = 30
     rate: Positive = 30.0
     """Frames a second."""
     methods: Annotated[
         list[Annotated[str, pydantic.AfterValidator(_known_method)]],
         pydantic.BeforeValidator(listed), Field(min_length=1), Distinct,
-    ] = Field(default=["none", "lispsm", "p-inf", "edge", "held-p-inf", "sphere", "sphere-receivers"])  # fmt: skip
-    """A warp fitted each frame; "held-" and a warp, fitted every 8 frames; "sphere" and "sphere-receivers", snapped."""
+    ] = Field(default=[
+        "none", "lispsm", "turned-edge", "sphere", "sphere-receivers", "window-none", "window-turned-edge",
+    ])  # fmt: skip
+    """A warp fitted each frame; "held-" and a warp, fitted every 8 frames; "sphere" and "sphere-receivers", snapped;
+    "window-" and an objective's warp or none, in a stable window."""
 
 
 class FramesSection(Section):
@@ -105,6 +109,9 @@ class FramesConfig(SceneSettings):
                 "warp: got a direction, an aspect or a lateral fit, expected turn_only_if alone: frames.warps names "
                 "turned warps, such as 'turned-edge'"
             )
+        path = self.frames.path
+        if (self.camera_path is not None) != (path is not None and path.kind == "cameras"):
+            raise ValueError("camera_path: expected [camera_path] and frames.path.kind = 'cameras', or neither")
         if not (self.receivers.gltf or self.receivers.landscape or self.receivers.made):
             raise ValueError(
                 f"receivers: got {self.receivers.kind} without a shadow caster, expected gltf, landscape or made"

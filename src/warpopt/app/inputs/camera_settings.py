@@ -9,7 +9,7 @@ from pydantic import Field
 
 from ...scene_files.depth_image import pinhole_window
 from ...scene_files.scene_camera import SceneCamera, centred_window, centred_window_across, orientation
-from ..common.settings import HalfFovDeg, NearFar, Positive
+from ..common.settings import FileName, HalfFovDeg, NearFar, Positive, Section
 
 _RIGID = 1e-4  # accepts rotation matrices written with four decimals
 
@@ -93,6 +93,25 @@ def _of_a_pixel(value: float) -> float:
     if value not in (0, 0.5):
         raise ValueError("expected 0 or 0.5")
     return value
+
+
+class CameraPath(Section):
+    """The camera in motion: one pose after the other, from a table or from a glTF animation."""
+
+    file: FileName | None = None
+    """A CSV file with columns x, y, z, forward_x, forward_y, forward_z, and perhaps up_x, up_y, up_z; near, far and
+    field of view are [camera]'s."""
+    animation: Annotated[int, Field(ge=0)] | str | None = None
+    """Number or name of an animation of receivers.gltf, which moves its camera."""
+    rate: Positive | None = None
+    """Frames a second of an animation; 30 by default."""
+
+    @pydantic.model_validator(mode="after")
+    def _one(self) -> "CameraPath":
+        exactly_one(self, ("file", "animation"))
+        if self.rate is not None and self.animation is None:
+            raise ValueError("got rate with file, expected it with an animation only")
+        return self
 
 
 class CameraConfig(NearFar):

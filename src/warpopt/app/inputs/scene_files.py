@@ -9,14 +9,16 @@ import numpy as np
 
 from ...scene_files.depth_files import read_mask, read_values
 from ...scene_files.depth_image import Encoding, decoded_image
-from ...scene_files.gltf import read_geometry, read_gltf_camera, read_light
+from ...scene_files.gltf import GltfCamera, read_geometry, read_gltf_camera, read_light
 from ...scene_files.landscape import landscape
 from ...scene_files.made import MadeScene, made_scene
+from ...scene_files.poses import read_gltf_path, read_poses
 from ...scene_files.rasterise import rasterise
 from ...scene_files.scene_camera import SceneCamera
 from ..common.settings import ConfigError
+from .camera_settings import CameraPath
 from .light_path import Step, light_path
-from .scene_settings import DepthReceivers, SceneLight, SceneSettings
+from .scene_settings import DepthReceivers, GltfReceivers, SceneLight, SceneSettings
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -68,10 +70,12 @@ def read_scene(
         keys = [(camera.key, depth.tobytes()) for camera, depth in zip(cameras, depths, strict=True)]
     else:
         cameras = [_camera(config, i, None) for i in range(len(config.camera))]
-        if receivers.gltf is not None and not cameras:
+        if receivers.gltf is not None and not cameras and config.camera_path is None:
             cameras = [_gltf_camera(config, folder / receivers.gltf.file)]
         if from_seed and receivers.made and not cameras:
             cameras = [from_seed.camera(i, config.default_aspect()) for i in range(receivers.made.views)]
+        if config.camera_path is not None:
+            cameras = _on_path(config, config.camera_path, folder, cameras)
         keys = [camera.key for camera in cameras]
     parallel = [i for i, camera in enumerate(cameras) if camera.is_orthographic]
     by_edges = "edges are found in a perspective image" if config.weights.by == "edges" else None
@@ -157,11 +161,30 @@ def _gltf_camera(config: SceneSettings, path: Path) -> SceneCamera:
     gltf = config.receivers.gltf
     assert gltf is not None  # only called with glTF
     with told_of("receivers.gltf.camera"):
-        found = read_gltf_camera(path, gltf.camera)
-        far = gltf.far or found.far
-        if not found.near < far:
-            raise ValueError(f"{path}: camera {found.name!r}: got far {far:g}, expected more than {found.near:g}")
-        return found.scene_camera(config.default_aspect(), far)
+        return _lens(config, gltf, path, read_gltf_camera(path, gltf.camera))
+
+
+def _lens(config: SceneSettings, gltf: GltfReceivers, path: Path, found: GltfCamera) -> SceneCamera:
+    far = gltf.far or found.far
+    if not found.near < far:
+        raise ValueError(f"{path}: camera {found.name!r}: got far {far:g}, expected more than {found.near:g}")
+    return found.scene_camera(config.default_aspect(), far)
+
+
+def _on_path(
+    config: SceneSettings, asked: CameraPath, folder: Path, cameras: list[SceneCamera]
+) -> list[SceneCamera]:  # fmt: skip
+    """A camera for each pose."""
+    gltf = config.receivers.gltf
+    if asked.file is not None:
+        with told_of("camera_path.file"):
+            return read_poses(folder / asked.file, cameras[0], config.handedness)
+    assert gltf is not None  # required by the settings, as is an animation
+    assert asked.animation is not None
+    path = folder / gltf.file
+    with told_of("camera_path.animation"):
+        found = read_gltf_path(path, gltf.camera, asked.animation, asked.rate or 30.0)
+        return [_lens(config, gltf, path, each) for each in found]
 
 
 def _seen_in_files(

@@ -13,7 +13,7 @@ from warpopt.objective import METRICS, MOST_MOMENTS, Measure, Objective
 
 from ...scene_files.scene_camera import orientation
 from ..common.settings import Distinct, FileName, Norm, Positive, Section, listed, read_data, validated
-from .camera_settings import Bound, CameraConfig, Direction, Four, Resolution, Triple, exactly_one
+from .camera_settings import Bound, CameraConfig, CameraPath, Direction, Four, Resolution, Triple, exactly_one
 
 _PIXELS = "a depth image, glTF, a landscape or a made scene"
 Index = Annotated[int, Field(ge=0)]
@@ -297,6 +297,7 @@ class SceneSettings(Section):
     handedness: Literal["right", "left"] = "right"
     """Handedness of the world's axes (OpenGL, Vulkan and glTF: right; Direct3D: left)."""
     camera: Annotated[list[CameraConfig], pydantic.BeforeValidator(listed)] = Field(default=[])
+    camera_path: CameraPath | None = None
     light: SceneLight
     receivers: ReceiverConfig
     objective: SceneObjective = SceneObjective()
@@ -327,6 +328,15 @@ class SceneSettings(Section):
     def _fits(self) -> "SceneSettings":
         gltf, depth = self.receivers.gltf, self.receivers.depth
         made = self.receivers.made
+        if self.camera_path is not None:
+            if depth is not None:
+                raise ValueError("camera_path: got one with receivers.depth, expected a camera for each of its files")
+            if self.camera_path.animation is not None and (gltf is None or self.camera):
+                raise ValueError("camera_path.animation: expected receivers.gltf, whose camera moves, and no [camera]")
+            if self.camera_path.file is not None and len(self.camera) != 1:
+                raise ValueError(
+                    f"camera_path.file: got {len(self.camera)} camera(s), expected one, whose planes and window it has"
+                )
         if not self.camera and gltf is None and made is None:
             raise ValueError("camera: missing (only a glTF file may contain one)")
         if self.camera and made is not None and "views" in made.model_fields_set:

@@ -42,6 +42,14 @@ class CasterSettings(Section):
         return self
 
 
+def points_of(casters: np.ndarray | BoxReceivers | None) -> np.ndarray | None:
+    """(N, 3) points that bound what `caster_shape` found; None for none, and for a box without ends."""
+    if isinstance(casters, BoxReceivers):
+        corners = np.stack(np.meshgrid(*zip(casters.lower, casters.upper, strict=True)), -1).reshape(-1, 3)
+        return corners if np.isfinite(corners).all() else None
+    return None if casters is None else casters.reshape(-1, 3)
+
+
 def caster_shape(asked: CasterSettings, config: SceneSettings, scene: SceneInput, folder: Path):
     """Points (N, 3), triangles (T, 3, 3), a box's settings, or None.
 

@@ -22,7 +22,8 @@ class Scene(Configured):
         from .casters import caster_shape
 
         config = self.read(overrides)
-        scene = read_scene(config, self.config.parent)
+        why = "a stable window follows a perspective view" if config.stable is not None else None
+        scene = read_scene(config, self.config.parent, only_perspective=why)
         casters = caster_shape(config.casters, config, scene, self.config.parent)
         prepare_jax()
         from .run import run_scene

@@ -11,6 +11,7 @@ from ..common.words import markdown_pictures, markdown_table
 from ..inputs.scene_files import SceneInput
 from .settings import SceneConfig
 from .solve import Solved
+from .stable import stable_words
 
 _HEADS = {
     "camera": "camera",
@@ -43,8 +44,11 @@ _WEIGHTS = {
 _LIT = ", in the light alone"
 
 
-def scene_report(config: SceneConfig, scene: SceneInput, solved: list[Solved], figures: list[tuple[str, str]]) -> str:
-    """The report as Markdown."""
+def scene_report(
+    config: SceneConfig, scene: SceneInput, solved: list[Solved], figures: list[tuple[str, str]],
+    window: list[dict[str, Any]],
+) -> str:  # fmt: skip
+    """The report as Markdown; `window` has the stable window's frames."""
     parts = ["# Optimal shadow-map warps of a scene\n", _opening(config, scene, solved)]
     failures = [s for s in solved if not s.outcome.succeeded]
     if failures:
@@ -53,6 +57,8 @@ def scene_report(config: SceneConfig, scene: SceneInput, solved: list[Solved], f
     if empty:
         parts.append(f"In {empty} problem(s) the camera sees no receivers: nothing needs a shadow map.\n")
     parts += [f"{note}\n" for note in scene.notes]
+    if window:
+        parts += ["## The stable window\n", stable_words(window)]
     if figures:
         parts.append("## Figures\n")
         parts += markdown_pictures(figures)

@@ -25,6 +25,7 @@ from ..inputs.scene_settings import BoxReceivers
 from .report import scene_report, short
 from .settings import SceneConfig
 from .solve import Solved, solve_scene
+from .stable import COLUMNS, courses, followed
 
 _COLUMNS = (
     "camera", "light", "x", "y", "z", "theta_deg", "metric", "norm", "eta", "lambda", "lambda_over_mu", "mu", "value",
@@ -55,15 +56,21 @@ def run_scene(
     console = console or Console()
     objective = config.objective
     count = len(scene.cameras) * len(scene.lights) * len(objective.objectives())
+    count += sum(map(len, courses(config, scene))) if config.stable is not None else 0
     with whole_folder(config.output.directory) as folder, progress_bar(console, count) as progress:
         timings = {}
         with timed(timings, "solve_s"):
             solved = solve_scene(config, scene, casters, progress)
         with timed(timings, "figures_s"):
             figures = _figures(config, scene, solved, folder) if config.output.figures and solved else []
-        write_json(folder / "scene.json", _scene_record(config, scene, solved))
+        rows = []
+        if config.stable is not None:
+            with timed(timings, "stable_s"):
+                rows = followed(config, scene, casters, progress)
+            write_csv(folder / "window.csv", COLUMNS, ([_text(row[name]) for name in COLUMNS] for row in rows))
+        write_json(folder / "scene.json", _scene_record(config, scene, solved, rows))
         write_scene_table(solved, folder / "table.csv")
-        (folder / "report.md").write_text(scene_report(config, scene, solved, figures), encoding="utf-8")
+        (folder / "report.md").write_text(scene_report(config, scene, solved, figures, rows), encoding="utf-8")
         used = ("OpenEXR",) if _exr(config) else ()
         outcomes = outcome_counts([s.outcome for s in solved])
         dtype = jax.numpy.zeros(0).dtype
@@ -91,7 +98,13 @@ def write_scene_table(solved: list[Solved], path: Path) -> None:
     write_csv(path, _COLUMNS, rows)
 
 
-def _scene_record(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> dict[str, Any]:
+def _text(value: Any) -> Any:
+    return "" if value is None else value
+
+
+def _scene_record(
+    config: SceneConfig, scene: SceneInput, solved: list[Solved], rows: list[dict[str, Any]]
+) -> dict[str, Any]:  # fmt: skip
     """The whole solution, as strict JSON."""
     return {
         "convention": {
@@ -117,7 +130,7 @@ def _scene_record(config: SceneConfig, scene: SceneInput, solved: list[Solved]) 
         "steps": [dataclasses.asdict(step) for step in scene.steps],
         "notes": scene.notes,
         "problems": [s.row for s in solved],
-    }
+    } | ({"window": rows} if config.stable is not None else {})
 
 
 def _exr(config: SceneConfig) -> bool:

@@ -1,10 +1,12 @@
 """The configuration of `warpopt scene`: a scene, and its output. Does not import JAX."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import pydantic
+from pydantic import Field
 
 from ..common.settings import FileName, Section
+from ..inputs.camera_settings import Four
 from ..inputs.scene_settings import SceneSettings
 from .casters import CasterSettings
 
@@ -21,10 +23,29 @@ class SceneOutput(Section):
     reversed_z: bool = False
 
 
+class StableSettings(Section):
+    """A map that stays where it is in the world along the light's path, or the camera's: see docs/stability.md."""
+
+    margin: Annotated[float, Field(ge=0.01, le=10)] = 0.1
+    """By how much the map is larger than the receivers."""
+    tolerance: Annotated[float, Field(ge=1)] = 1.1
+    """The error over a new window's, above which it is fitted anew."""
+    scroll: bool = True
+    """Whether the map follows its receivers by whole texels."""
+    anchor: Literal["fit", "light"] | Four = "fit"
+    """The plane on which texels stay where they are while the light turns: through the receivers, across the light, or
+    (normal x, y, z, offset)."""
+    ahead: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """Share of the free texels on the side to which the map moves."""
+    check_every: Annotated[int, Field(ge=1)] = 1
+    """Frames from one optimum for the tolerance to the next."""
+
+
 class SceneConfig(SceneSettings):
     """One run of `warpopt scene`. Paths of scene files are relative to the TOML file."""
 
     casters: CasterSettings = CasterSettings()
+    stable: StableSettings | None = None
     output: SceneOutput
 
     @pydantic.model_validator(mode="after")
@@ -32,6 +53,12 @@ class SceneConfig(SceneSettings):
         asked = self.casters.gltf
         if asked is not None and asked.file is None and self.receivers.gltf is None:
             raise ValueError("casters.gltf.file: missing, expected a glTF file (without receivers.gltf)")
+        return self
+
+    @pydantic.model_validator(mode="after")
+    def _in_pixels(self) -> "SceneConfig":
+        if self.stable is not None and self.objective.shadow_map is None:
+            raise ValueError("stable: expected objective.screen and objective.shadow_map, whose texels it counts")
         return self
 
     @pydantic.model_validator(mode="before")

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..._checks import Numbers, checked, float_arrays, shown
+from ..samples import Counted
 
 NAMED = ("uniform", "depth")
 
@@ -80,6 +81,7 @@ class Weights(eqx.Module):
     lit: Bool[Array, "..."] | None
     normals: tuple[Float[Array, "..."], Float[Array, "..."]] | None
     by_depth: bool = eqx.field(static=True)
+    shape: tuple[int, ...] = eqx.field(static=True)
 
     def __init__(self, weights: Weighting | None, lit: Numbers | None, shape: tuple[int, ...]):
         if isinstance(weights, str) and weights not in NAMED:
@@ -91,9 +93,15 @@ class Weights(eqx.Module):
             # Apart, each without gaps in memory: a sweep over both at once takes half as long again.
             self.normals = weights.normals[..., 0], weights.normals[..., 1]
             weights = weights.weights
+        self.shape = shape
         self.values = None if named else _weights(weights, shape)
         self.by_depth = named and weights == "depth"
         self.lit = None if lit is None else mask_of("lit", lit, shape)
+
+    def instead(self, weights: Weighting) -> "Weights":
+        """Others for the same receivers, of which the same are lit. Raises as the class."""
+        made = Weights(weights, None, self.shape)
+        return eqx.tree_at(lambda w: w.lit, made, self.lit, is_leaf=lambda leaf: leaf is None)
 
     @property
     def uniform(self) -> bool:
@@ -118,6 +126,15 @@ class Weights(eqx.Module):
     def normals_for(self, kernel: str | None) -> tuple[Float[Array, "..."], Float[Array, "..."]] | None:
         """The normals' components for a kernel that depends on them; None for all but "band", and if there are none."""
         return self.normals if kernel == "band" else None
+
+    def counted(self, points: Float[Array, "N 3"], seen: Bool[Array, " N"], kernel: str | None) -> Counted:
+        """Points in eye coordinates, one for each weight, with the normals that the kernel depends on."""
+        flat = jax.tree.map(jnp.ravel, self)
+        weights, by_depth = flat.of(jnp.where(seen, points[:, 2], 1), seen)
+        normals = flat.normals_for(kernel)
+        if normals is not None:  # weights by depth stand for edges of all directions
+            normals = jnp.where(by_depth, 0, normals[0]), jnp.where(by_depth, 0, normals[1])
+        return Counted(points, weights, normals)
 
     def of_groups(self, z: Float[Array, "K N"], seen: Bool[Array, " K"]) -> tuple[Float[Array, "K N"], Bool[Array, ""]]:
         """`of`, where each weight is that of a group of receivers with the eye depths of a row of z."""

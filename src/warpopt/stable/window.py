@@ -1,0 +1,272 @@
+"""A stable window: fitted once with a margin, then kept or moved by whole texels, and fitted anew where it must be."""
+
+import dataclasses
+import functools
+import zlib
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool
+
+from .._checks import Numbers, float_arrays, instance, is_traced, points_of
+from .._words import flag, one_of, shown, whole_number
+from ..objective import Objective
+from ..receivers.depth_buffer import DepthBuffer
+from ..receivers.points import PointReceivers
+from ..receivers.receivers import Receivers
+from ..receivers.weighted.weights import Weighting
+from ..render.shadow_matrix import ClipSpace, checked_clip_space
+from ..solve.scene import settled_scene
+from ..theory.camera import Camera, DirectionalLight, refuse_orthographic
+from ..views import DIRECTIONS, LATERAL, SceneView
+from .state import WindowState
+from .steps import Settings, update_window
+from .update import Update
+
+ANCHORS = ("fit", "light")
+
+
+@dataclasses.dataclass(frozen=True)
+class StableWindow:
+    """Settings of maps that stay where they are in the world; hashable. Pure functions take a state to the next.
+
+    A warp is fitted to the receivers with a margin and frozen in the world. As long as they are in the map, nothing
+    changes; when they leave it, the map moves by whole texels, after the projection, so that every texel stays where it
+    is at every depth. It is fitted anew when the receivers are larger than the map or too near its horizon, when its
+    error passes the tolerance, when the light turned too far, or the camera jumped.
+
+    Args:
+        margin: by how much the map is larger than the receivers along each axis, >= 0.01: both errors are (1 + margin)
+            times larger. At the far end it ends before the warp's horizon.
+        tolerance: the error over that of a window fitted to this frame, with its margin, above which it is fitted anew;
+            >= 1, inf for never.
+        objective: what is minimised. None: "edge" if edges are given; else "band" over points and pixels, by their
+            depths if they have no weights; "storage" over bodies.
+        warp_direction, map_aspect, lateral, turn_only_if: as for `SceneView`.
+        scroll: whether the map moves; if not, it is fitted anew when receivers leave it.
+        warp: False for maps without a warp, engines' stable fit of any receivers.
+        shadow_map: texels along (t, s); with an aspect that is searched for as many in all: see `Update.texels`.
+        screen: (width, height) in pixels.
+        padding: texels that receivers leave free at each edge, for filters.
+        ahead: the share of the free texels that lies on the side to which the map moves.
+        anchor: the plane on which texels stay where they are while the light turns: "fit", through the receivers;
+            "light", across the light; or (normal x, y, z, offset) in the world, normal . p = offset.
+        jump: a move of the camera in one frame, over the map's length along the warp, after which it is fitted anew.
+        check_every: frames from one optimum for the loss to the next.
+        forget_after: frames without receivers after which the map is forgotten.
+        clip_space: OpenGL's by default.
+
+    Raises:
+        ValueError: a setting out of its range, naming it.
+
+    Example:
+        >>> import numpy as np, warpopt
+        >>> window = warpopt.StableWindow(objective=warpopt.Objective("storage"), warp_direction="view")
+        >>> light, state = warpopt.DirectionalLight((0.2, -1, -0.3)), window.start()
+        >>> ground = warpopt.receivers.PointReceivers([(x, 0, z) for x in (-9, 9) for z in (-2, -9, -50)])
+        >>> for step in (0.0, 0.01, 0.8):
+        ...     camera = warpopt.Camera((step, 2, 4), (0, -0.1, -1), (0, 1, 0), near=0.1, far=100.0, half_fov=1.2)
+        ...     update, state = window.update(state, camera, light, ground)
+        ...     print(update.words)
+        FIRST. There was no map.
+        KEPT. The receivers are in the map.
+        KEPT. The receivers are in the map.
+    """
+
+    margin: float = 0.1
+    tolerance: float = 1.1
+    objective: Objective | None = None
+    warp_direction: str | tuple[float, float, float] = "best"
+    scroll: bool = True
+    warp: bool = True
+    map_aspect: str | float = 1.0
+    lateral: str = "eye"
+    turn_only_if: float = 1.0
+    shadow_map: tuple[int, int] = (1024, 1024)
+    screen: tuple[int, int] = (1920, 1080)
+    padding: int = 1
+    ahead: float = 0.5
+    anchor: str | tuple[float, float, float, float] = "fit"
+    jump: float = 0.5
+    check_every: int = 1
+    forget_after: int = 30
+    clip_space: ClipSpace | None = None
+
+    def __post_init__(self):
+        for name in ("scroll", "warp"):
+            flag(name, getattr(self, name))
+        for name, least, most in (
+            ("margin", 0.01, 10), ("tolerance", 1, np.inf), ("turn_only_if", 1, np.inf), ("ahead", 0, 1),
+            ("jump", 0.01, np.inf),
+        ):  # fmt: skip
+            self._set(name, _number(name, getattr(self, name), least, most))
+        whole_number("padding", self.padding, 0, 1024)
+        whole_number("check_every", self.check_every, 1, 10**6)
+        whole_number("forget_after", self.forget_after, 0, 10**6)
+        for name in ("shadow_map", "screen"):
+            self._set(name, _size(name, getattr(self, name)))
+        if 2 * self.padding >= min(self.shadow_map):
+            raise ValueError(f"padding: got {self.padding}, expected less than half of the map's {self.shadow_map}")
+        if self.objective is not None:
+            instance("objective", self.objective, Objective)
+        self._set("clip_space", checked_clip_space(self.clip_space))
+        one_of("lateral", self.lateral, LATERAL)
+        if isinstance(self.warp_direction, str):
+            one_of("warp_direction", self.warp_direction, DIRECTIONS)
+        else:
+            self._set("warp_direction", _vector("warp_direction", self.warp_direction, 3, f"or one of {DIRECTIONS}"))
+        if self.map_aspect != "best":
+            self._set("map_aspect", _number("map_aspect", self.map_aspect, 1e-3, 1e3))
+        if isinstance(self.anchor, str):
+            one_of("anchor", self.anchor, ANCHORS)
+        else:
+            anchor = _vector("anchor", self.anchor, 4, f"or one of {ANCHORS}")
+            length = float(np.linalg.norm(anchor[:3]))
+            if not length > 0:
+                raise ValueError(f"anchor: got {anchor}, expected a normal that is not zero")
+            self._set("anchor", tuple(v / length for v in anchor))
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
+
+    @property
+    def checksum(self) -> int:
+        """Of all settings: a state of others is fitted anew."""
+        return zlib.crc32(repr(self).encode())
+
+    def start(self, dtype: Any = float) -> WindowState:
+        """The state before the first frame.
+
+        Args:
+            dtype: of its numbers, the cameras' own: what `jax.lax.scan` carries keeps its dtype.
+        """
+        return WindowState.empty(self.shadow_map, self.checksum, dtype)
+
+    def update(
+        self,
+        state: WindowState,
+        camera: Camera,
+        light: DirectionalLight,
+        receivers: Receivers | None = None,
+        edges: Weighting | None = None,
+        *,
+        casters: Numbers | None = None,
+        may_refit: bool | Bool[Array, ""] = True,
+    ) -> tuple[Update, WindowState]:
+        """(the map of one frame, the next state): pure, for `jax.jit`, `jax.lax.scan` and `jax.vmap` over cascades.
+
+        An update that keeps or scrolls takes one pass over the receivers' extents; every `check_every` frames the
+        optimum is found too, for the loss. (Under `jax.vmap` it always is.)
+
+        Args:
+            state: from `start`, or from the last frame.
+            camera, light, receivers: as for `SceneView`.
+            edges: weights of a `DepthBuffer` or of points, as their own `weights`: such as `edge_weights` of the last
+                frame. They are used where an optimum is found; the map holds all receivers.
+            casters: (N, 3) world points that bound what casts shadows, as for `shadow_matrix`. They change the map's
+                depth range alone.
+            may_refit: False puts off fits whose only reason is the tolerance; see `stagger`.
+
+        Raises:
+            ValueError: arguments of another kind, NaN, an objective that the receivers do not support.
+        """
+        instance("state", state, WindowState)
+        receivers = _weighed(receivers, edges)
+        objective = self._objective_for(receivers, edges)
+        view = SceneView(
+            camera, light, receivers, screen=self.screen, shadow_map=self.shadow_map,
+            warp_direction=self.warp_direction if self.warp else "view", lateral=self.lateral,
+            map_aspect=self.map_aspect, turn_only_if=self.turn_only_if,
+        )  # fmt: skip
+        view = settled_scene(view, objective)
+        refuse_orthographic(camera, "a stable window follows a perspective view")
+        if casters is not None:
+            casters = points_of(camera.position.dtype, "casters", casters)
+            if not is_traced(casters) and not np.isfinite(casters).all():
+                raise ValueError("casters: got one that is not finite, expected finite numbers")
+            casters = casters.reshape(-1, 3)
+        settings = self._as_arrays(camera.position.dtype)
+        return update_window(settings, objective, state, view, casters, may_refit)
+
+    def stagger(self, states: WindowState) -> Bool[Array, " K"]:
+        """Which of several windows may refit for its tolerance in this frame: the one with the largest loss.
+
+        Args:
+            states: of K windows, stacked.
+
+        Returns:
+            What `update` takes as `may_refit`, under `jax.vmap`. Fits that cannot wait, such as of receivers that are
+            larger than the map, do not.
+        """
+        instance("states", states, WindowState)
+        if states.loss.ndim != 1:
+            raise ValueError(f"states: got shape {states.loss.shape}, expected (K,): several states, stacked")
+        return jnp.arange(states.loss.shape[0]) == jnp.argmax(states.loss)
+
+    def _as_arrays(self, dtype: Any) -> Settings:
+        # On the host: they go to the device with the call.
+        real: Any = functools.partial(np.asarray, dtype=dtype)
+        whole: Any = functools.partial(np.asarray, dtype=np.int32)
+        anchor, plane = (self.anchor, np.zeros(4)) if isinstance(self.anchor, str) else ("given", self.anchor)
+        return Settings(
+            margin=real(self.margin), tolerance=real(self.tolerance), ahead=real(self.ahead), jump=real(self.jump),
+            padding=whole(self.padding), check_every=whole(self.check_every), forget_after=whole(self.forget_after),
+            plane=real(plane), checksum=np.asarray(self.checksum, np.uint32), anchor=anchor,
+            scroll=self.scroll, warp=self.warp, clip_space=checked_clip_space(self.clip_space),
+        )  # fmt: skip
+
+    def _objective_for(self, receivers: Receivers | None, edges: Weighting | None) -> Objective:
+        if self.objective is not None:
+            return self.objective
+        if edges is not None:
+            return Objective("edge")
+        return Objective("band" if isinstance(receivers, DepthBuffer | PointReceivers) else "storage")
+
+
+def _weighed(receivers: Receivers | None, edges: Weighting | None) -> Receivers | None:
+    """The receivers with these weights; by depth where nothing weighs them."""
+    if not isinstance(receivers, DepthBuffer | PointReceivers):
+        if edges is not None:
+            raise ValueError(f"edges: got some with {shown(receivers)}, expected a DepthBuffer or PointReceivers")
+        return receivers
+    if edges is None:
+        if not receivers.weights.uniform:
+            return receivers
+        edges = "depth"
+    # Only the weights are checked: a check of the depths is a pass over them, and a copy to the host.
+    return eqx.tree_at(lambda r: r.weights, receivers, receivers.weights.instead(edges))
+
+
+def _number(name: str, value: Any, least: float, most: float) -> float:
+    try:
+        (number,) = float_arrays(**{name: value})
+        made = float(number) if not number.shape else np.nan
+    except (ValueError, TypeError):
+        made = np.nan
+    if not least <= made <= most:
+        raise ValueError(f"{name}: got {shown(value)}, expected a number >= {least:g} and <= {most:g}")
+    return float(value)
+
+
+def _size(name: str, value: Any) -> tuple[int, int]:
+    try:
+        one, other = value
+        whole_number(name, int(one), 1, 2**20)
+        whole_number(name, int(other), 1, 2**20)
+        if one != int(one) or other != int(other):
+            raise ValueError
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name}: got {shown(value)}, expected two whole numbers > 0") from None
+    return int(one), int(other)
+
+
+def _vector(name: str, value: Any, length: int, otherwise: str) -> tuple[float, ...]:
+    try:
+        made = tuple(float(v) for v in value)
+    except (TypeError, ValueError):
+        made = ()
+    if len(made) != length or not np.isfinite(made).all():
+        raise ValueError(f"{name}: got {shown(value)}, expected {length} finite numbers, {otherwise}")
+    return made
