@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._checks import Numbers, checked, float_arrays, instance, is_traced, pair
+from .._checks import Numbers, instance, is_traced, pair
 from .._words import flag, shown
 from ..objective import Objective
 from ..receivers import ConvexBody

@@ -42,7 +42,7 @@ def rasterise(triangles: np.ndarray, camera: SceneCamera, height: int, width: in
         column = first[which, 0] + place % np.maximum(counts[which, 0], 1)
         row = first[which, 1] + place // np.maximum(counts[which, 0], 1)
         w = weights[which]
-        with np.errstate(over="ignore", invalid="ignore"):  # inf and NaN are not hits
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # inf and NaN are not hits
             shares = w[..., 0] * across[column][:, None] + w[..., 1] * up[row][:, None] + w[..., 2]
             z = (shares * eye[which][..., 2]).sum(1) if parallel else 1 / shares.sum(1)
         hit = (shares >= 0).all(1) & (z < camera.far) & (z >= camera.near)

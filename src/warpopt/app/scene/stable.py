@@ -12,7 +12,9 @@ from warpopt.theory.camera import camera_of
 from ..common.record import finite_or_none
 from ..common.settings import ConfigError
 from ..inputs.scene_files import SceneInput
+from ..inputs.scene_settings import BoxReceivers
 from ..inputs.scene_values import receivers_of
+from .casters import points_of
 from .settings import SceneConfig
 from .solve import clip_space
 
