@@ -36,8 +36,8 @@ RECEIVERS = {
     "DepthHistogram": receivers.DepthHistogram([1.0, 9.0, 60.0], [1.0, 2.0]),
 }
 OBJECTIVES = {
-    "p inf": ("p", "inf"), "p l2": ("p", "l2"), "q inf": ("q", "inf"), "pxq l1": ("pxq", "l1"), "max inf": ("max", "inf"),
-    "max l1": ("max", "l1"), "storage": ("storage", "inf"), "edge l1": ("edge", "l1"),
+    "p inf": ("p", "inf"), "p l2": ("p", "l2"), "q inf": ("q", "inf"), "pxq l1": ("pxq", "l1"),
+    "max inf": ("max", "inf"), "max l1": ("max", "l1"), "storage": ("storage", "inf"), "edge l1": ("edge", "l1"),
 }  # fmt: skip
 _LIGHT = warpopt.DirectionalLight((0.3, -1.0, -0.4))
 _LIGHTS = jax.vmap(warpopt.DirectionalLight)(jnp.array([[0.3, -1.0, -0.4]]))
