@@ -67,8 +67,8 @@ def draws(count: int, dtype, seed: int, largest: float = 12.0) -> dict[str, np.n
     exponent = np.where(rng.random(count) < (largest > 12) / 3, rng.uniform(12, largest, count), usual)
     excess = 10**exponent
     decades = 30 if double else 15
-    # Far planes of lengths that the dtype holds.
-    top = np.minimum(decades, np.log10(float(np.finfo(dtype).max)) - 3 - exponent)
+    # Lengths that the dtype holds: mu is up to 2e4 far.
+    top = np.minimum(decades, np.log10(float(np.finfo(dtype).max)) - 8 - exponent)
     near = (10 ** (-decades + rng.random(count) * (decades + top))).astype(dtype)
     far = np.maximum((near.astype(float) * (1 + excess)).astype(dtype), np.nextafter(near, dtype(np.inf)))
     margin = 10 ** rng.uniform(-4, 0, count)

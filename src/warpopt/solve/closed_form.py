@@ -8,6 +8,7 @@ tie of the two receivers, or the kink of L.
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
@@ -132,13 +133,18 @@ def closed_form(space: LightSpace, objective: Objective) -> Optimum:
     root = one_minus_root = jnp.zeros_like(tie)
     if alpha:
         c2 = jnp.where(helps, c2, 1)
-        c1 = r * m * excess - 2 * alpha * g * h
-        c0 = -k * g * h * m
-        squares = m**2 * (r**2 * excess**2 + 4 * k * beta * g * h)
-        squares = squares + 4 * alpha**2 * g * h * (widest * excess + g**2)
+        # c1, c0 and the root of the discriminant over the larger of g and |m|: next to theta = phi both are of order
+        # n/f, and their squares would be below the least number.
+        unit = jax.lax.stop_gradient(jnp.maximum(g, jnp.abs(m)))
+        unit = jnp.where(unit > 0, unit, 1)
+        g_, m_, widest_ = g / unit, m / unit, widest / unit
+        c1 = r * m_ * excess - 2 * alpha * g_ * h
+        squares = m_**2 * (r**2 * excess**2 + 4 * k * beta * g * h)
+        squares = squares + 4 * alpha**2 * g_ * h * (widest_ * excess + g_ * g)
         spread = jnp.sqrt(jnp.where(helps, squares, 1))
         falling = c1 <= 0
-        Y = jnp.where(falling, (spread - c1) / (2 * c2), -2 * c0 / jnp.where(falling | ~helps, 1, c1 + spread))
+        below = 2 * k * g * h * m_ / jnp.where(falling | ~helps, 1, c1 + spread)
+        Y = jnp.where(falling, unit * (spread - c1) / (2 * c2), below)
         root, one_minus_root = (Y - g) / (Y + h), 1 / (Y + h)
     stationary = root > tie
     eta = jnp.where(helps, jnp.where(stationary, root, tie), 1)

@@ -67,6 +67,8 @@ def solve_scene(
     view: SceneView, objective: Objective, min_eta: Float[Array, ""], previous: Float[Array, "3"] | None = None
 ) -> SceneSolution:
     """The optimum of one view; `previous` is the direction of the frame before, for "steady"."""
+    # One dtype, the camera's: a float64 limit would widen a loop's carry.
+    min_eta = jnp.asarray(min_eta, view.camera.position.dtype)
     if view.warp_direction == "steady":
         return _steady(view, objective, min_eta, previous)
     if view.warp_direction != "best":
