@@ -48,7 +48,8 @@ def deepest(objective: warpopt.Objective, dtype) -> float:
     """log10 of the largest f/n drawn: in L-inf up to what the dtype holds of the errors, which are of order (f/n)^r."""
     if not objective.supremum:
         return 12.0
-    return max(12.0, (np.log10(float(np.finfo(dtype).max)) - 12) / objective.metric.depth_power)
+    # E_q's eta is n a/(f b), with a of order eps next to theta = phi: 20 decades for that.
+    return max(12.0, (np.log10(float(np.finfo(dtype).max)) - 20) / objective.metric.depth_power)
 
 
 def draws(count: int, dtype, seed: int, largest: float = 12.0) -> dict[str, np.ndarray]:

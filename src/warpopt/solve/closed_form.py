@@ -212,7 +212,8 @@ def _segment_root(objective: Objective, depth: LightDepth, line: LightDepth, ite
 def _with_residual(space: LightSpace, objective: Objective, ends: Extremes, optimum: Optimum) -> Optimum:
     eta, outcome = optimum.eta, optimum.outcome
     ratio = objective.metric.depth_power / objective.metric.blend_power
-    gap = jnp.log(ends.far.blend(eta) / ends.near.blend(eta)) - ratio * space.log_ratio
+    # As a ratio: logarithms would have the rounding of log(f/n).
+    gap = ends.far.blend(eta) / ends.near.blend(eta) * power(space.ratio, ratio) - 1
     line = _choose(eta > kink(space), *_width_lines(ends.widest, objective))
     near_slope, far_slope = (
         jnp.abs(log_ratio(jnp.log(eta), on_lanes(True, _quadratic(objective, depth, line))))
