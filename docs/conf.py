@@ -20,8 +20,8 @@ html_show_copyright = html_copy_source = html_show_sourcelink = False
 root_doc = "README"
 include_patterns = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md"]
 PAGES = [
-    "objectives", "direction", "pixels", "stability", "cascades", "scenes", "comparing", "gallery", "engines", "theory",
-    "corrections", "claims", "performance", "scaling", "glossary",
+    "objectives", "direction", "pixels", "stability", "cascades", "scenes", "support", "comparing", "gallery",
+    "engines", "theory", "corrections", "claims", "performance", "scaling", "glossary",
 ]  # fmt: skip
 PAGES += ["reference"]
 

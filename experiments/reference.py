@@ -33,7 +33,8 @@ class Problem:
     """One frustum, light direction and objective (order 1, 2, 3, ... or inf)."""
 
     def __init__(self, near, far, half_fov, theta, metric: str, order: float, measure: str):
-        mp.mp.dps = DIGITS
+        # As many digits more as n/f has zeros: at theta = phi it is what a difference of sines leaves.
+        mp.mp.dps = DIGITS + max(0, math.frexp(float(far) / float(near))[1] * 3 // 10)
         near, far, phi, theta = (mp.mpf(float(v)) for v in (near, far, half_fov, theta))
         self.alpha, self.beta = _POWERS[metric]
         self.k, self.r = 2 * self.alpha + self.beta, self.alpha + self.beta
@@ -162,7 +163,7 @@ class Problem:
             if condition(point, False) <= 0:
                 return Reference(point, self.norm(point), "tie" if point == tie else "kink")
             upper = point
-        return self._between(condition, mp.mpf(10) ** -40, upper)
+        return self._between(condition, mp.mpf(10) ** -40 / (1 + self.x) ** 2, upper)
 
     def _between(self, condition, lower, upper) -> Reference:
         lower, upper = mp.log(lower), mp.log(upper)

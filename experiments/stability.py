@@ -44,17 +44,33 @@ OBJECTIVES = [
 ]
 
 
-def draws(count: int, dtype, seed: int) -> dict[str, np.ndarray]:
-    """Inputs from the edges: thin and deep frusta, narrow and wide fields of view, special directions, any scale."""
+def deepest(objective: warpopt.Objective, dtype) -> float:
+    """log10 of the largest f/n drawn: in L-inf up to what the dtype holds of the errors, which are of order (f/n)^r."""
+    if not objective.supremum:
+        return 12.0
+    # E_q's eta is n a/(f b), with a of order eps next to theta = phi: 20 decades for that.
+    return max(12.0, (np.log10(float(np.finfo(dtype).max)) - 20) / objective.metric.depth_power)
+
+
+def draws(count: int, dtype, seed: int, largest: float = 12.0) -> dict[str, np.ndarray]:
+    """Inputs from the edges: thin and deep frusta, narrow and wide fields of view, special directions, any scale.
+
+    Args:
+        largest: log10 of the largest f/n; a third of the draws are above 1e12.
+    """
     rng = np.random.default_rng(seed)
     double = dtype == np.float64
 
     def pick(*choices):
         return np.choose(rng.integers(0, len(choices), count), [np.broadcast_to(c, count) for c in choices])
 
-    excess = 10 ** rng.uniform(np.log10(1e-9 if double else 2e-7), 12, count)
+    usual = rng.uniform(np.log10(1e-9 if double else 2e-7), 12, count)
+    exponent = np.where(rng.random(count) < (largest > 12) / 3, rng.uniform(12, largest, count), usual)
+    excess = 10**exponent
     decades = 30 if double else 15
-    near = (10 ** rng.uniform(-decades, decades, count)).astype(dtype)
+    # Lengths that the dtype holds: mu is up to 2e4 far.
+    top = np.minimum(decades, np.log10(float(np.finfo(dtype).max)) - 8 - exponent)
+    near = (10 ** (-decades + rng.random(count) * (decades + top))).astype(dtype)
     far = np.maximum((near.astype(float) * (1 + excess)).astype(dtype), np.nextafter(near, dtype(np.inf)))
     margin = 10 ** rng.uniform(-4, 0, count)
     half_fov = pick(margin, np.pi / 2 - margin, rng.uniform(1e-4, np.pi / 2 - 1e-4, count))
@@ -221,13 +237,14 @@ def point_errors(d: dict[str, np.ndarray], count: int, seed: int) -> dict[str, f
 
 def run_dtype(dtype, arguments, mapped: Callable[..., list]) -> tuple[dict, list[dict], list[tuple]]:
     """All objectives in one dtype: (figures by objective, worst cases, points of the heat map)."""
-    objectives = OBJECTIVES[:: -(-len(OBJECTIVES) // arguments.objectives)]
+    chosen = [o for o in OBJECTIVES if o.supremum or not arguments.suprema]
+    objectives = chosen[:: -(-len(chosen) // arguments.objectives)]
     per = -(-arguments.draws // len(objectives))
     stratified = hardest = -(-arguments.references // len(objectives))
     table, worst_rows, points = {}, [], []
     for number, objective in enumerate(objectives):
         start = time.perf_counter()
-        d = draws(per, dtype, 1000 + number)
+        d = draws(per, dtype, 1000 + number, deepest(objective, dtype))
         found, indicator = check_invariants(d, objective)
         name = f"E_{objective.name} order {objective.order:g} {objective.measure}"
         if number % 10 == 9:
@@ -340,6 +357,9 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--references", type=int, default=3_000, help="stratified draws, and as many of the worst")
     parser.add_argument("--points", type=int, default=3_000)
     parser.add_argument("--objectives", type=int, default=len(OBJECTIVES), help="evenly chosen, for a short run")
+    parser.add_argument(
+        "--suprema", action="store_true", help="L-inf alone, where f/n is drawn up to the dtype's range"
+    )
     parser.add_argument("--processes", type=int, default=os.cpu_count(), help="for the references")
     parser.add_argument("--page", type=Path, help="a page with a place for `stability`")
     parser.add_argument("--dtypes", nargs="+", default=["float64", "float32"])

@@ -281,7 +281,10 @@ POINTS = PointReceivers(POSTS)
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"warp_direction": "up"}, "warp_direction: got 'up', expected 'view', 'gradient', 'middle' or 'best'"),
+        (
+            {"warp_direction": "up"},
+            "warp_direction: got 'up', expected 'view', 'gradient', 'middle', 'best' or 'steady'",
+        ),
         ({"warp_direction": (0.2, -1.0, -0.3)}, "expected a vector that is not along the light"),
         ({"warp_direction": (0.0, 0.0, 0.0)}, "warp_direction: got 0.0, expected a vector that is not zero"),
         ({"warp_direction": (np.nan, 0.0, 1.0)}, "warp_direction: got nan, expected finite numbers"),

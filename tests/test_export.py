@@ -132,7 +132,7 @@ def test_a_built_table_over_one_axis_is_for_the_frusta_that_it_was_built_for(ran
 
 
 def frusta(count: int) -> np.ndarray:
-    """Rows for the closed form: f/n to 1e6, all fields of view, and a third next to where it turns."""
+    """Rows for the closed form: f/n to 1e6, a tenth to 1e34, all fields of view, and a third next to where it turns."""
     rng = np.random.default_rng(1)
     rows = np.empty((count, 4), np.float32)
     rows[:, 3] = np.radians(rng.uniform(1, 85, count))
@@ -144,6 +144,9 @@ def frusta(count: int) -> np.ndarray:
     rows[:, 0] = np.clip(rows[:, 0], 0, np.float32(np.pi))
     rows[:, 1] = 10 ** rng.uniform(-2, 2, count)
     rows[:, 2] = rows[:, 1] * (1 + 10 ** rng.uniform(-3, 6, count))
+    # Not next to phi, where E_q's eta, n a/(f b), is below the normal numbers.
+    deep = (rng.random(count) < 0.1) & ~near_phi
+    rows[deep, 2] = (rows[:, 1] * 10 ** rng.uniform(6, 34, count))[deep]
     return rows
 
 
@@ -194,6 +197,13 @@ def test_the_closed_forms_code_is_the_optimum(tmp_path, compiler, language, metr
     check_closed_form(given, *found[: len(given)].T, metric, EPS)
     assert ((found[:, 0] > 0) & (found[:, 0] <= 1)).all()
     assert (found[-len(bad) :] == np.float32([1, 3.4e38])).all()
+    endless = given[:1000] * np.float32([1, 1, np.inf, 1])
+    eta, lam = run_compiled(compiler, language.suffix, text, endless, True, tmp_path).T
+    theta, near, _, phi = endless.astype(float).T
+    limit = warpopt.theory.far_limit(near, phi, np.minimum(theta, np.pi), metric)
+    # atol: |theta - phi| and theta + phi are exact to eps of phi
+    np.testing.assert_allclose(eta, limit.eta, rtol=12 * EPS, atol=EPS)
+    np.testing.assert_allclose(lam, np.minimum(limit.lam, 3.4e38), rtol=12 * EPS)
 
 
 _NO_FRUSTA = (

@@ -281,8 +281,9 @@ def test_cameras_by_name_and_index(folder):
     assert read_gltf_camera(path, 1).name == plan.name == "above"
     assert (plan.kind, plan.half_size, plan.aspect, plan.half_fov) == ("orthographic", (4, 2), 2, None)
     np.testing.assert_allclose(plan.rotation[2], [0, -1, 0], atol=1e-12)
-    with pytest.raises(ValueError, match="expected 'perspective'"):
-        plan.scene_camera(1.0)
+    seen = plan.scene_camera(1.0)  # its near plane passes through it: moved back by its depth
+    assert (seen.is_orthographic, seen.window, seen.near, seen.far) == (True, (-4, 4, -2, 2), 9, 18)
+    np.testing.assert_allclose(seen.position, plan.position + np.array([0, 9, 0]), atol=1e-12)
     for which, words in (("eyes", r"got 0 cameras named 'eyes' of 2 \('eye', 'above'\)"), (2, "index 2")):
         with pytest.raises(ValueError, match=words):
             read_gltf_camera(path, which)

@@ -153,11 +153,8 @@ def test_boxes_behind_or_beside_the_view_are_empty():
 
 
 def test_nothing_at_all_is_empty():
-    """No points, the bounds of no objects: outcomes of a frame loop; casters may be none too."""
-    nothing = (
-        PointReceivers(np.zeros((0, 3))),
-        ConvexBody.box((np.inf,) * 3, (-np.inf,) * 3), ConvexBody.box((0, 0, 0), (1, -1, 1)),
-    )  # fmt: skip
+    """No points, a body without a point: outcomes of a frame loop; casters may be none too."""
+    nothing = PointReceivers(np.zeros((0, 3))), ConvexBody([[1.0, 0, 0, -1], [-1, 0, 0, 0]])
     for receivers in nothing:
         for norm in ("inf", "l2"):
             solution = optimal_warp(SceneView(CAMERA, LIGHT, receivers), Objective(norm=norm))
@@ -165,6 +162,12 @@ def test_nothing_at_all_is_empty():
     matrix = shadow_matrix(SceneView(CAMERA, LIGHT), solution.warp, casters=np.zeros((0, 3)))
     plain = shadow_matrix(SceneView(CAMERA, LIGHT), solution.warp)
     np.testing.assert_allclose(matrix, plain, rtol=1e-12)
+
+
+def test_a_box_upside_down_is_refused():
+    for lower, upper in (((0, 0, 0), (1, -1, 1)), ((np.inf,) * 3, (-np.inf,) * 3)):
+        with pytest.raises(ValueError, match=r"upper: got .*, expected numbers >= those of lower"):
+            ConvexBody.box(lower, upper)
 
 
 def test_an_infinite_box_is_the_whole_frustum():

@@ -65,7 +65,9 @@ def test_the_worked_example_writes_what_the_library_computes(folder, capsys):
     report = (folder / "out/report.md").read_text()
     assert re.search(r"The optimum's error is [\d.]+ to [\d.]+ times the limit", report)
     assert "*Error at each pixel, light 0, E_p, norm inf" in report  # of the only camera
-    matrix = warpopt.shadow_matrix(view, solution, casters=scene.casters)
+    assert problem["depth"]["receivers_share"] > 0.6
+    assert 0 < problem["depth"]["steps"]["d24"]["smallest"] < problem["depth"]["steps"]["d16"]["smallest"] < 1
+    matrix = warpopt.shadow_matrix(view, solution, casters=scene.triangles)
     np.testing.assert_allclose(problem["matrix"], matrix, rtol=1e-6, atol=1e-9)
     # Every caster is in the map's depth range or behind, none before it; all that is seen is inside the map.
     seen = image_of(camera, np.where(scene.depths[0] > 0, scene.depths[0], np.inf))
@@ -80,7 +82,7 @@ def solved_of(text: str):
     Path("scene.toml").write_text(text)
     config = read_config(Path("scene.toml"), [], SceneConfig)
     scene = read_scene(config, Path())
-    (solved,) = solve_scene(config, scene, lambda done: None)
+    (solved,) = solve_scene(config, scene, None, lambda done: None)
     seen = seen_of(config, scene, solved)
     return solved, *(errors(solved.mapping, seen, solved.metric, warped) for warped in (True, False))
 
@@ -116,7 +118,7 @@ def test_the_maps_are_the_matrix_s_own_derivatives(folder):
     Path("scene.toml").write_text(toml("depth = { files = 'ground.npy' }"))
     config = read_config(Path("scene.toml"), [], SceneConfig)
     scene = read_scene(config, folder)
-    (solved,) = solve_scene(config, scene, lambda done: None)
+    (solved,) = solve_scene(config, scene, None, lambda done: None)
     seen, mapping, camera = seen_of(config, scene, solved), solved.mapping, scene.cameras[0]
     hit = np.isfinite(seen.depth)
     z, eye = seen.depth[hit], (seen.depth[..., None] * seen.slopes)[hit]

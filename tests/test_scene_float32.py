@@ -7,7 +7,7 @@ import pytest
 
 import warpopt
 from warpopt import Camera, DirectionalLight, Objective, SceneView, optimal_warp
-from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, PointReceivers, WholeFrustum
+from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, GroundPlane, PointReceivers, WholeFrustum
 
 EPS = float(np.finfo(np.float32).eps)
 LIGHTS = np.array([[0.4, -1, -0.3], [0, -1, 0], [0.01, -0.02, 1], [0.7, 0.6, -0.2]], np.float32)
@@ -64,6 +64,7 @@ EVERY_KIND = {
     "points": PointReceivers(np.array([[0, 0, -5], [1, 0, -9], [-1, 2, -30]], np.float32)),
     "weights": PointReceivers(np.array([[0, 0, -5], [1, 0, -9]], np.float32), np.array([1, 2], np.float32)),
     "buffer": DepthBuffer(SMALL),
+    "ground": GroundPlane(np.array([0, 1, 0], np.float32), np.float32(2)),
     "histogram": DepthHistogram(np.array([2, 9, 300], np.float32), np.array([1, 2], np.float32)),
 }
 
@@ -82,6 +83,10 @@ def test_single_precision_stays_single(kind):
     else:
         view = SceneView(camera, light, EVERY_KIND[kind])
     every = ("p", "inf"), ("q", "inf"), ("max", "inf"), ("p", "l2"), ("q", "l2"), ("pxq", "l1")
+    if kind == "weights":
+        every = ("max", "l1"), ("edge", "l1"), ("band", "l2"), ("storage", "inf")
+    elif kind == "ground":
+        every = ("max", "inf"), ("storage", "inf")
     # A box and a buffer take seconds to trace: of norms the two that hold the others' terms.
     for metric, norm in every[2::3] if kind in ("box", "buffer", "histogram") else every:
         objective = Objective(metric, norm)

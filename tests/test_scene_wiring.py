@@ -205,14 +205,14 @@ def test_what_of_a_file_counts_is_chosen():
     plain = scene_of(toml("gltf = { file = 'plain.gltf', width = 32 }"))
     assert plain.notes == []
     whole = scene_of(toml("gltf = { file = 'both.gltf', width = 32 }"))
-    assert len(whole.casters) == 2 * len(plain.casters)
+    assert len(whole.triangles) == 2 * len(plain.triangles)
     for choice, note in (
         ("exclude = 'cloud*'", "both.gltf: excluded: 'Cloud layer'"),
         ("include = ['Moved', 'nothing']", "both.gltf: no node or material is named like 'nothing'"),
     ):
         scene = scene_of(toml(f"gltf = {{ file = 'both.gltf', width = 32, {choice} }}"))
         np.testing.assert_array_equal(scene.depths[0], plain.depths[0])
-        np.testing.assert_array_equal(scene.casters, plain.casters)
+        np.testing.assert_array_equal(scene.triangles, plain.triangles)
         assert note in scene.notes
 
 
@@ -322,4 +322,4 @@ def test_a_file_of_data_is_read_by_name():
     write("a.gltf", held)
     write("plain.gltf", gltf())
     one, other = (scene_of(toml(f"gltf = {{ file = '{name}.gltf', width = 16 }}")) for name in ("a", "plain"))
-    np.testing.assert_array_equal(one.casters, other.casters)
+    np.testing.assert_array_equal(one.triangles, other.triangles)

@@ -181,6 +181,22 @@ def test_axes_are_clamped_or_refused_and_asked_for(wide):
     assert warp.eta == pytest.approx(wide.eta_numpy(0.7, 50.0, 0.45), rel=1e-14)
 
 
+def test_a_warp_says_whether_the_table_keeps_its_promise(wide):
+    """Clamped or not: theta beyond its range and mirrored, far/near and the field of view beyond theirs, rounding."""
+    far, fov, theta = np.array([
+        (100, 0.45, 0.7), (100, 0.45, np.pi - 0.7), (160, 0.5, 1.5), (162, 0.45, 0.7), (100, 0.51, 0.7),
+        (100, 0.45, 0.05), (100, 0.45, np.pi - 0.05), (160 * (1 + 1e-16), 0.4, 0.2),
+    ]).T  # fmt: skip
+    warp = wide.warp(warpopt.ViewFrustum(2.0, far, fov), theta)
+    assert warp.promised.tolist() == [True, True, True, False, False, False, False, True]
+    single = jax.tree.map(lambda v: v.astype(np.float32), warpopt.ViewFrustum(2.0, far, fov))
+    assert wide.warp(single, theta.astype(np.float32)).promised.tolist() == warp.promised.tolist()
+    assert warpopt.Warp.from_eta(0.5, warpopt.FrustumView(warpopt.ViewFrustum(1.0, 2.0, 0.5), 1.0)).promised is None
+    for angle in (-1.0, 4.0, np.nan):
+        with pytest.raises(ValueError, match=r"theta: got .*, expected radians in \[0, pi\]"):
+            wide.warp(warpopt.ViewFrustum(2.0, 100.0, 0.45), angle)
+
+
 def test_rows_share_their_kinks(wide):
     """theta = phi is a knot of every row: it moves with the field of view."""
     for k, fov in enumerate(wide.half_fov):

@@ -23,7 +23,7 @@ from .theory.light_frame import LightFrame, resolutions
 from .theory.light_space import LightSpace, checked_theta
 from .theory.view_frustum import ViewFrustum
 
-DIRECTIONS = ("view", "gradient", "middle", "best")
+DIRECTIONS = ("view", "gradient", "middle", "best", "steady")
 """What a map can be warped along, besides a vector."""
 LATERAL = ("eye", "free")
 """Where a map's axis can be across the warp."""
@@ -87,7 +87,9 @@ class SceneView(eqx.Module):
             published rules); "gradient", where the eye depth of the receivers rises, by least squares weighted with
             z^-2; "middle", the sum of the vectors from the eye to the receivers (SC 4.4); a (3,) world vector; or
             "best", the direction of least error, which `optimal_warp` finds for metrics "pxq", "storage", "edge" and
-            "band": E_p and E_q alone do not compare maps of different directions.
+            "band": E_p and E_q alone do not compare maps of different directions; or "steady", "view" where a warp
+            along it has the least error, else no warp, along the screen's rows or columns: Z_w turns with a light that
+            is next to the view's direction, and a map without a warp need not.
         map_aspect: texels along t over texels along s, times that of `shadow_map`, with as many texels in all; "best",
             that of least error, between 1/8 and 8, for metrics "max", "edge" and "band" ("pxq" and "storage" are the
             same for all).
@@ -142,6 +144,17 @@ class SceneView(eqx.Module):
                 f"receivers: got {shown(receivers)}, expected one of warpopt.receivers, or a class of your own that "
                 "derives from its Receivers"
             )
+        if camera.is_orthographic:
+            if not receivers.any_projection:
+                raise ValueError(
+                    f"camera: got an orthographic one with {type(receivers).__name__}, expected a perspective one, or "
+                    "the whole frustum, a convex body, a plane, points or a depth buffer"
+                )
+            if isinstance(warp_direction, str) and warp_direction not in ("view", "steady"):
+                raise ValueError(
+                    f"warp_direction: got {warp_direction!r} with an orthographic camera, whose errors do not depend "
+                    "on the eye depth, expected 'view' or a vector"
+                )
         dtype = jnp.result_type(*jax.tree.leaves(eqx.filter((camera, light, receivers), eqx.is_inexact_array)))
         one_of("lateral", lateral, LATERAL)
         self.lateral = lateral
@@ -156,7 +169,7 @@ class SceneView(eqx.Module):
     @property
     def searched(self) -> bool:
         """Whether `optimal_warp` finds the direction or the aspect."""
-        return self.warp_direction == "best" or self.map_aspect is None
+        return self.warp_direction in ("best", "steady") or self.map_aspect is None
 
     def frame(self) -> LightFrame:
         """W's axes, and the screen's units along them.
@@ -165,9 +178,11 @@ class SceneView(eqx.Module):
             ValueError: a direction or an aspect that is searched for: `along` gives the view with those found.
         """
         if self.searched:
-            name = "warp_direction" if self.warp_direction == "best" else "map_aspect"
+            name, word = "map_aspect", "best"
+            if self.map_aspect is not None:
+                name, word = "warp_direction", self.warp_direction
             raise ValueError(
-                f"{name}: got 'best', which optimal_warp finds, expected its solution: view.along(solution)"
+                f"{name}: got {word!r}, which optimal_warp finds, expected its solution: view.along(solution)"
             )
         return self.frame_along(self.warp_direction)
 

@@ -12,6 +12,7 @@ from ..receivers.answers import profile_of
 from ..receivers.bins import BINS
 from ..receivers.profiles.profile import DepthProfile
 from ..solve.chunks import in_blocks
+from ..theory.camera import refuse_orthographic
 from ..theory.light_frame import LightFrame
 from ..theory.light_space import LightSpace
 from ..views import FrustumView, SceneView, one_light, refuse_other
@@ -74,6 +75,7 @@ def lower_bound(
             return in_blocks(storage_of_frusta, (view.frustum, view.theta))
         objective.metric  # noqa: B018, raises: one term
         return in_blocks(bound_frusta, (view.frustum, view.theta), objective)
+    refuse_orthographic(view.camera, "no lower bound is known")
     if objective.storage:
         refuse_traced("lower bound over a scene", view)
         one_light(view, "call it for each").receivers.check(view.camera, view.light, objective)
@@ -125,6 +127,7 @@ def lower_bound_map(
     if isinstance(view, FrustumView):
         refuse_traced("lower_bound_map", view)
         return _over_frustum(view, objective, knots or _KNOTS_OF_FRUSTUM)
+    refuse_orthographic(view.camera, "no lower bound is known")
     frame, profile = _profile(view, objective, bins)
     stretches = profile.stretches(objective.order, knots or _KNOTS_OF_BODY)
     if not stretches.value > 0:

@@ -3,6 +3,7 @@
 from .._checks import refuse_traced
 from ..objective import Objective, objective_or_default
 from ..solve.optimal_warp import checked_min_eta
+from ..theory.camera import refuse_orthographic
 from ..views import FrustumView, SceneView, refuse_other
 from .comparison import Comparison
 from .over_frustum import compare_over_frustum
@@ -63,4 +64,5 @@ def compare_rules(
     objective, found, least_eta = objective_or_default(objective), rule_set(rules), checked_min_eta(min_eta)
     if isinstance(view, FrustumView):
         return compare_over_frustum(view, found, objective)
+    refuse_orthographic(view.camera, "rules are formulas of a perspective frustum")
     return compare_over_scene(view, found, objective, least_eta)

@@ -14,87 +14,112 @@ from .program import ETA_NOTE, HOW_TO, LAMBDA_NOTE, NO_WARP, Function, Program, 
 
 Metric = Literal["p", "q", "pxq"]
 
-# notation: s, t, x, a, b as T, x, a, b of `LightSpace`; up, down: a's positive and negative part; g, h, m over z_near
+_SLOPE = """
+float s = abs(sin(theta));
+float t = tan(half_fov) * abs(cos(theta));
+float a = s - t;
+if (t > 0.5f * s && t < 2.0f * s && theta >= 0.0f && theta <= $PI) {
+    float angle = theta - half_fov;
+    if (theta > $HALF_PI) { angle = (($PI - theta) - half_fov) + $PI_REST; }
+    float square = angle * angle;
+    float series = square * (-1.0f / 6.0f + square * (1.0f / 120.0f - square / 5040.0f));
+    a = (angle + angle * series) / cos(half_fov);
+}
+return a;
+"""
+# notation: s, t, a, b as T, a, b of `LightSpace`; up, down: a's positive and negative part; ratio, share: n/f and
+# 1 - n/f, at whose limits, 0 and 1, the functions have theirs; mu over z_far; g, h, m over mu
 _SPACE = """
-float found = $NO_WARP;
+float found = -1.0f;
 if (z_near > 0.0f && z_far > z_near && half_fov > 0.0f && half_fov < $HALF_PI) {
-    float x = (z_far - z_near) / z_near;
-    float s = abs(sin(theta));
-    float t = tan(half_fov) * abs(cos(theta));
-    float a = s - t;
-    if (t > 0.5f * s && t < 2.0f * s && theta >= 0.0f && theta <= $PI) {
-        float angle = theta - half_fov;
-        if (theta > $HALF_PI) { angle = (($PI - theta) - half_fov) + $PI_REST; }
-        float square = angle * angle;
-        float series = square * (-1.0f / 6.0f + square * (1.0f / 120.0f - square / 5040.0f));
-        a = (angle + angle * series) / cos(half_fov);
+    float ratio = 0.0f;
+    float share = 1.0f;
+    if (z_far <= $NO_WARP) {
+        ratio = z_near / z_far;
+        share = (z_far - z_near) / z_far;
     }
+    float t = tan(half_fov) * abs(cos(theta));
+    float a = $upper_slope(theta, half_fov);
     float up = 0.0f;
     if (a > 0.0f) { up = a; }
-    float mu = x * up + 2.0f * (1.0f + x) * t;
+    float mu = share * up + 2.0f * t;
 """
 # The larger of root, g/h, and tie; no warp where the lower near corner lies deeper than half of mu.
 _P = """
+    float s = abs(sin(theta));
     float down = up - a;
-    float g = x * down + 2.0f * t;
-    float excess = 2.0f * (x * s - t);
-    if (a > 0.0f) { excess = x * s + (x - 2.0f) * t; }
+    float g = share * down + 2.0f * ratio * t;
+    float excess = 2.0f * (share * s - ratio * t);
+    if (a > 0.0f) { excess = share * s + (share - 2.0f * ratio) * t; }
     if (excess > 0.0f) {
-        float growth = x / (1.0f + sqrt(1.0f + x));
-        float tie = (x * up + (1.0f + growth) * (2.0f * t * growth - x * down)) / (growth * mu);
+        float c = sqrt(ratio);
+        float tie = (c * (1.0f + c) * up + 2.0f * c * t - (1.0f + c) * down) / mu;
         found = g / excess;
         if (tie > found) { found = tie; }
     }
 """
 # The apex at the eye: lambda = n a.
 _Q = """
-    if (x * a > 2.0f * t) { found = a / mu; }
+    if (share * a > 2.0f * ratio * t) { found = ratio * a / mu; }
 """
 _PXQ = """
+    float s = abs(sin(theta));
     float down = up - a;
-    float g = (x * down + 2.0f * t) / mu;
-    float h = x * (s + t) / mu;
-    float m = x * up / mu - g;
-    float excess = 2.0f * (x * s - t) / mu;
-    if (a > 0.0f) { excess = (x * s + (x - 2.0f) * t) / mu; }
+    float g = (share * down + 2.0f * ratio * t) / mu;
+    float h = share * (s + t) / mu;
+    float m = share * up / mu - g;
+    float excess = 2.0f * (share * s - ratio * t) / mu;
+    if (a > 0.0f) { excess = (share * s + (share - 2.0f * ratio) * t) / mu; }
     float c2 = excess + m;
     if (c2 > 0.0f) {
-        float r = 1.0f + x;
-        float c = exp(log(r) / 3.0f);
-        c = c - (c - r / (c * c)) / 3.0f;
-        float third = x / (c * c + c + 1.0f);
-        float growth = third * (c + 1.0f);
-        float tie = (x * up + (1.0f + growth) * (2.0f * t * third - x * down)) / (growth * mu);
+        float c = 0.0f;
+        if (ratio > 0.0f) {
+            c = exp(log(ratio) / 3.0f);
+            c = c - (c - ratio / (c * c)) / 3.0f;
+        }
+        float square = c * c;
+        float sum = 1.0f + c + square;
+        float tie = ((square * up - down) * sum + 2.0f * square * t) / ((1.0f + c) * mu);
         float c1 = 2.0f * (m * excess - g * h);
         float c0 = 3.0f * g * h * m;
         float near_part = m * m * (excess * excess + 3.0f * g * h);
-        float far_part = g * h * (x * up / mu * excess + g * g);
+        float far_part = g * h * (share * up / mu * excess + g * g);
         float spread = 2.0f * sqrt(near_part + far_part);
         float y = 0.0f;
         if (c1 <= 0.0f) { y = (spread - c1) / (2.0f * c2); } else { y = 2.0f * c0 / (c1 + spread); }
         found = y - g;
         if (tie > found) { found = tie; }
+        if (found < 0.0f) { found = 0.0f; }
     }
 """
 _END = """
 }
 float result = $NO_WARP;
-if (found > 0.0f && found < $NO_WARP) { result = found; }
+if (found >= 0.0f && found < $NO_WARP) { result = found; }
 return result;
 """
 _ETA = """
 float weight = $lambda_over_mu(theta, z_near, z_far, half_fov);
 return weight / (1.0f + weight);
 """
+# In this order, mu over z_far first: z_far times a slope may overflow. Without a far plane, mu is endless.
 _LAMBDA = """
 float weight = $lambda_over_mu(theta, z_near, z_far, half_fov);
-float s = abs(sin(theta));
 float t = tan(half_fov) * abs(cos(theta));
-float above = s - t;
+float above = $upper_slope(theta, half_fov);
 if (above < 0.0f) { above = 0.0f; }
-float mu = (z_far - z_near) * above + 2.0f * z_far * t;
 float lambda = $NO_WARP;
-if (weight < $NO_WARP) { lambda = mu * weight; }
+if (weight < $NO_WARP && z_far <= $NO_WARP) {
+    float share = (z_far - z_near) / z_far;
+    lambda = (share * above + 2.0f * t) * weight * z_far;
+}
+return lambda;
+"""
+# n a, which does not depend on the far plane.
+_LAMBDA_Q = """
+float weight = $lambda_over_mu(theta, z_near, z_far, half_fov);
+float lambda = $NO_WARP;
+if (weight < $NO_WARP) { lambda = z_near * $upper_slope(theta, half_fov); }
 return lambda;
 """
 _PARAMETERS = ("theta", "z_near", "z_far", "half_fov")
@@ -104,7 +129,8 @@ def closed_form_source(metric: str, language: Language, prefix: str = "warpopt")
     """The whole file: `warpopt_lambda_over_mu`, `warpopt_eta` and `warpopt_lambda` of (theta, z_near, z_far, half_fov).
 
     Optimal for the largest E_p, E_q or E_pxq over the view frustum (derived for this project; `solve.closed_form`).
-    NaN, and inputs that are not a frustum, give no warp (eta = 1).
+    NaN, and inputs that are not a frustum, give no warp (eta = 1). An infinite z_far gives the limit, (T63): eta = 0
+    where a warp helps; lambda is then the largest float, but for E_q n a.
 
     Args:
         language: one of `languages.LANGUAGES`.
@@ -124,9 +150,10 @@ def closed_form_source(metric: str, language: Language, prefix: str = "warpopt")
     case = {"p": _P, "q": _Q, "pxq": _PXQ}[metric]
     body = "\n".join(part.strip("\n") for part in (_SPACE, case, _END))
     functions = (
+        Function("upper_slope", "Slope of the upper side plane along the warp.", ("theta", "half_fov"), _SLOPE),
         Function("lambda_over_mu", "lambda over the depth range mu; 3.4e38: no warp.", _PARAMETERS, body),
         Function("eta", ETA_NOTE, _PARAMETERS, _ETA),
-        Function("lambda", LAMBDA_NOTE, _PARAMETERS, _LAMBDA),
+        Function("lambda", LAMBDA_NOTE, _PARAMETERS, _LAMBDA_Q if metric == "q" else _LAMBDA),
     )
     return text_of(Program([*_notes(metric), *HOW_TO], constants, {}, functions), language, prefix)
 

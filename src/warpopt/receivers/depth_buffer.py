@@ -61,6 +61,7 @@ class DepthBuffer(Receivers):
         'flat'
     """
 
+    any_projection: ClassVar[bool] = True
     one_at_a_time: ClassVar[bool] = True  # one pass uses all cores, and its cells take tens of megabytes
 
     depth: Float[Array, "H W"]
@@ -116,13 +117,16 @@ class DepthBuffer(Receivers):
     def sketch(self, camera: Camera, objective: Objective) -> Receivers:
         """See `Receivers`: the pixels as points if they are few, else tiles of them, each in two parts by depth."""
         if self.depth.size <= EXACT:
-            points, seen = (v.reshape(self.depth.size, -1) for v in eye_points(self, camera))
-            points = jnp.where(seen, points, jnp.array([0.0, 0.0, -1.0], points.dtype))  # what is not seen is behind
-            world = points @ camera.rotation + camera.position
-            return assembled(PointReceivers, points=world, weights=jax.tree.map(jnp.ravel, self.weights))
+            return self._points(camera)
         seen, z = self._decoded(self.depth, camera)
         weights = None if self.weights.uniform or objective.supremum else self.weights.of(z, seen)[0]
         return sketch_of_pixels(camera, *_slopes(self.depth, camera), z, seen, weights, objective)
+
+    def _points(self, camera: Camera) -> PointReceivers:
+        points, seen = (v.reshape(self.depth.size, -1) for v in eye_points(self, camera))
+        points = jnp.where(seen, points, jnp.array([0.0, 0.0, -1.0], points.dtype))  # what is not seen is behind
+        world = points @ camera.rotation + camera.position
+        return assembled(PointReceivers, points=world, weights=jax.tree.map(jnp.ravel, self.weights))
 
     def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> BinnedProfile:
         """See `Receivers`."""
@@ -134,6 +138,9 @@ class DepthBuffer(Receivers):
         if self.encoding == "linear":
             seen = (value > 0) & (value < f)  # excludes background for f = inf: inf < inf is False
             return seen, jnp.where(seen, larger(value, n), n)
+        if camera.is_orthographic:  # depth buffers of parallel rays are linear in z
+            seen, share = (value < 1, value) if self.encoding == "standard" else (value > 0, 1 - value)
+            return seen, jnp.where(seen, n + (f - n) * share, n)
         # n / f is 0 without a far plane. Sums of positive terms: f - value (f - n) may round to 0 in a deep frustum.
         shallow = n / f
         if self.encoding == "standard":
@@ -146,6 +153,8 @@ class DepthBuffer(Receivers):
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`. A pass over cells for extents, another if there are silhouettes, and one for moments."""
+        if camera.is_orthographic:
+            return self._points(camera).footprint(camera, frame, objective)
         across, up = _slopes(self.depth, camera)
         # Values shared by rows are computed here: inside a sweep they would be recomputed for every pixel.
         slope_across, slope_up = frame.z_axis[0] * across, frame.z_axis[1] * up + frame.z_axis[2]
@@ -289,7 +298,8 @@ def eye_points(buffer: DepthBuffer, camera: Camera) -> tuple[Float[Array, "H W 3
     seen = jnp.isfinite(z)
     z = jnp.where(seen, z, 1)
     across, up = _slopes(z, camera)
-    return jnp.stack([z * across, z * up[:, None], z], -1), seen
+    size = jnp.ones_like(z) if camera.is_orthographic else z
+    return jnp.stack([size * across, size * up[:, None], z], -1), seen
 
 
 @functools.partial(jax.jit, static_argnames=("supremum",))

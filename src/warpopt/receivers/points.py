@@ -1,6 +1,7 @@
 """Points as receivers."""
 
 import functools
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -48,6 +49,8 @@ class PointReceivers(Receivers):
         True
     """
 
+    any_projection: ClassVar[bool] = True
+
     points: Float[Array, "N 3"]
     weights: Weights
 
@@ -62,7 +65,7 @@ class PointReceivers(Receivers):
         """See `Receivers`. Exact for at most `BINS` points, conservative for more (grouped)."""
         points, seen = self._seen(camera)
         points = jnp.where(seen[:, None], points, jnp.array([0.0, 0.0, 1.0], points.dtype))
-        d, x, z = frame.depth(points), frame.lateral(points), points[:, 2]
+        d, x, z = frame.depth(points), frame.lateral(points), frame.eye_depth(points)
         h = frame.along_light(points)
         exact = len(points) <= (BINS if objective.kernel is None else EXACT)
         if exact:

@@ -31,6 +31,7 @@ class Receivers(eqx.Module):
         measures: the measures that L_P norms over this kind accept; a set is weighted by its weights instead.
         weighted: whether the kind is a set with weights, over which means of "edge", "band" and "max" can be taken.
         one_at_a_time: whether one pass uses all cores, so that views are solved one after the other.
+        any_projection: whether the kind serves orthographic cameras: it takes z for errors from `LightFrame.eye_depth`.
 
     Example:
         >>> import jax, jax.numpy as jnp, warpopt
@@ -50,6 +51,7 @@ class Receivers(eqx.Module):
     measures: ClassVar[tuple[str, ...]] = ("screen",)
     weighted: ClassVar[bool] = True
     one_at_a_time: ClassVar[bool] = False
+    any_projection: ClassVar[bool] = False
 
     @abc.abstractmethod
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
@@ -139,6 +141,11 @@ class Receivers(eqx.Module):
             raise ValueError(
                 f"metric: got {objective.name!r} in norm {objective.norm} with {type(self).__name__}, expected points, "
                 "a depth buffer or a histogram: it is a mean over receivers with weights"
+            )
+        if objective is not None and camera.is_orthographic and objective.measure not in ("screen", "volume"):
+            raise ValueError(
+                f"measure: got {objective.measure!r} with an orthographic camera, expected 'screen' or 'volume', which "
+                "are the same"
             )
         if objective is not None and objective.measure not in self.measures:
             expected = ", ".join(map(repr, self.measures))

@@ -32,6 +32,7 @@ class Reduced(Receivers):
     kind: str = eqx.field(static=True)
     extent: tuple[Float[Array, ""], Float[Array, ""]] | None
 
+    any_projection = True
     measures = EVERY_MEASURE  # the objective is compared as a whole
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:

@@ -12,7 +12,7 @@ from .._checks import Numbers, checked, float_arrays, instance, is_traced
 from ..receivers.depth_buffer import DepthBuffer, eye_points
 from ..receivers.weighted.weights import EdgeWeights, mask_of
 from ..scene_files.depth_files import read_mask
-from ..theory.camera import Camera
+from ..theory.camera import Camera, refuse_orthographic
 from .shadow_matrix import ClipSpace
 
 
@@ -88,6 +88,8 @@ def edge_weights(
     ):  # fmt: skip
         if value is not None:
             instance(name, value, kind)
+        if isinstance(value, Camera):
+            refuse_orthographic(value, "edges are found in a perspective image")
     if (receivers is None) != (camera is None):
         name, other = ("camera", "receivers") if camera is None else ("receivers", "camera")
         raise ValueError(f"{name}: got none with {other}, expected both or neither")

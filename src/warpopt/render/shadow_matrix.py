@@ -9,14 +9,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._checks import Numbers, checked, float_arrays, instance, pair
+from .._checks import Numbers, instance, is_traced, pair
 from .._words import flag, shown
 from ..objective import Objective
-from ..receivers.footprint import Footprint
+from ..receivers import ConvexBody
 from ..solve.solution import SceneSolution, Solution, placed
-from ..theory.light_frame import LightFrame
 from ..theory.warp import Warp, refuse_lost
 from ..views import SceneView, settled
+from .casters import Casters, casters_of
+from .map_depth import MapDepth, map_depth
+
+_LEAST_EXTENT = 16  # eps: of the extent along the light that receivers must have, so that the depth tells any apart
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,13 +72,15 @@ def shadow_matrix(
     warp: Warp | Solution | SceneSolution,
     clip_space: ClipSpace | None = None,
     *,
-    casters: Numbers | None = None,
+    casters: Numbers | ConvexBody | None = None,
+    depth_clamp: bool = False,
     padding: tuple[float, float] = (0.0, 0.0),
 ) -> Float[Array, "4 4"]:
     """World to clip space of the shadow map, fitted to the receivers.
 
-    Every receiver, and every caster between the light and a receiver, is in the map with w > 0. `eta = 1` gives the
-    plain focused map, with w = 1 everywhere. All this holds up to rounding: in single precision a camera 1e5 map
+    Every receiver, and every caster between the light and a receiver, is in the map with w > 0; the depth grows away
+    from the light, from the first of them to the last receiver. `eta = 1` gives the plain focused map, with w = 1
+    everywhere. All this holds up to rounding: in single precision a camera 1e5 map
     widths from the world's origin moves receivers by a tenth of a texel, as in any engine; use coordinates near the
     origin.
 
@@ -83,13 +88,19 @@ def shadow_matrix(
         view: one camera, light and receivers; `SceneView.reduced` saves a second pass over the receivers.
         warp: a warp, or a solution. A warp made for another body keeps its apex: see `Warp.over`.
         clip_space: the graphics API's convention; OpenGL's by default.
-        casters: (N, 3) world points that bound the shadow casters (such as the corners of the scene's box): the map's
-            depth begins at the point nearest to the light. By default it begins at the receivers.
+        casters: the shadow casters: a `ConvexBody` that contains them, such as a box; triangles (T, 3, 3); or points
+            (N, 3) that bound them, such as a box's corners, which stand for the body between 26 planes about them (the
+            box itself). Only the part in the receivers' sweep towards the light counts: the map's depth begins where
+            that does. By default it begins at the receivers.
+        depth_clamp: whether nearer casters are clamped to the map's depth when they are drawn, as Vulkan's
+            depthClampEnable, Direct3D's DepthClipEnable = FALSE and OpenGL's GL_DEPTH_CLAMP do ("pancaking"): the depth
+            begins at the receivers, whatever the casters.
         padding: fractions of the map, along (t, s), left free at each edge: (1/width, 1/height) leaves a texel for
             filters. For maps that stay where they are over time see `StableWindow`.
     Raises:
         ValueError: for casters of a wrong shape or not finite, a padding outside [0, 1/2), or an apex that is not
-            before the receivers (a matrix of NaN when traced).
+            before the receivers (a matrix of NaN when traced); casters so far before the receivers that the depth
+            would tell none of these apart (NaN when traced).
 
     First derivatives grow as 1/sin(theta); where light and view are parallel (see `LightFrame`), those with respect to
     a rotation of W about the view are zero.
@@ -104,6 +115,19 @@ def shadow_matrix(
         >>> [round(float(v), 6) + 0.0 for v in (x / w, y / w)]
         [0.0, -1.0]
     """
+    return matrix_and_depth(view, warp, clip_space, casters=casters, depth_clamp=depth_clamp, padding=padding)[0]
+
+
+def matrix_and_depth(
+    view: SceneView,
+    warp: Warp | Solution | SceneSolution,
+    clip_space: ClipSpace | None = None,
+    *,
+    casters: Numbers | ConvexBody | None = None,
+    depth_clamp: bool = False,
+    padding: tuple[float, float] = (0.0, 0.0),
+) -> tuple[Float[Array, "4 4"], MapDepth]:
+    """(`shadow_matrix`, what its depth spans); raises as that."""
     clip_space = checked_clip_space(clip_space)
     padding = pair("padding", padding, lambda v: 0 <= v < 0.5, "two fractions in [0, 1/2)")
     instance("view", view, SceneView)
@@ -111,25 +135,37 @@ def shadow_matrix(
     view = settled(view, None)
     if warp.eta.ndim:
         raise ValueError(f"warp: got shape {warp.eta.shape}, expected one; use jax.vmap over more")
-    if casters is not None:
-        (casters,) = float_arrays(casters=casters)
-        if casters.ndim != 2 or casters.shape[1] != 3:
-            raise ValueError(f"casters: got shape {casters.shape}, expected (N, 3)")
-        casters = checked("casters", casters, lambda v: abs(v) < np.inf, "finite numbers")
-    matrix, lost = _matrix(view, warp, casters, np.array(padding), clip_space)
+    flag("depth_clamp", depth_clamp)
+    casters = casters_of(casters)
+    matrix, lost, depth = _matrix(view, warp, None if depth_clamp else casters, np.array(padding), clip_space)
     refuse_lost(lost)
-    return matrix
+    refuse_no_depth(depth.extent)
+    return matrix, depth
+
+
+def refuse_no_depth(extent: Float[Array, ""]) -> None:
+    """Refuse casters that leave the receivers no digits of the depth. Traced values are not checked.
+
+    Raises:
+        ValueError: naming the receivers' share of the extent along the light.
+    """
+    least = _LEAST_EXTENT * float(jnp.finfo(extent.dtype).eps)
+    if not is_traced(extent) and float(extent) < least:
+        raise ValueError(
+            f"casters: got ones so far before the receivers that these have {float(extent):.3g} of the extent along "
+            f"the light, expected at least {least:.3g} ({extent.dtype}): give their true bounds, or depth_clamp=True"
+        )
 
 
 @functools.partial(jax.jit, static_argnames=("clip_space",))
 def _matrix(
-    view: SceneView, warp: Warp, casters: Array | None, padding: Array, clip_space: ClipSpace
-) -> tuple[Array, Array]:
+    view: SceneView, warp: Warp, casters: Casters | None, padding: Array, clip_space: ClipSpace
+) -> tuple[Array, Array, MapDepth]:
     camera, frame = view.camera, view.frame()
     footprint = view.footprint_in(frame, Objective())
     own = warp.over(footprint)
     eta = own.eta.astype(camera.position.dtype)
-    reference, least, largest = _light_range(camera, frame, footprint, eta, casters)
+    depth = map_depth(camera, frame, footprint, eta, casters)
     mu, lateral = footprint.mu, footprint.lateral_fit(eta)
     width = lateral.left + lateral.right
     wide = width > 0
@@ -141,22 +177,25 @@ def _matrix(
     l_v = _affine(turn, -turn @ camera.position)
     l_p = jnp.diag(jnp.stack([1 / mu, 1 / mu, 1 / mu, jnp.ones_like(mu)]))
     # R orders the axes, as L_v already does: Z_w is last. W_v: moves W's axis and near plane to the origin.
-    w_v = _affine(jnp.eye(3, dtype=mu.dtype), -jnp.stack([footprint.axis, reference, footprint.start]) / mu)
+    w_v = _affine(jnp.eye(3, dtype=mu.dtype), -jnp.stack([footprint.axis, depth.reference, footprint.start]) / mu)
     # A free fit's axis is x = m0 + m1 delta: sheared upright.
     upright = jnp.eye(4, dtype=mu.dtype).at[0, 2].set(-lateral.m1 / mu).at[0, 3].set(-lateral.m0 / mu)
     # W_p: (x, h, delta) to (x, h, delta) / A, with A = eta + (1 - eta) delta.
     w_p = jnp.eye(4, dtype=mu.dtype).at[3].set(jnp.stack([jnp.zeros_like(eta), jnp.zeros_like(eta), 1 - eta, eta]))
     # F: to t, depth and s in [0, 1], then to clip space.
-    span = jnp.where(largest > least, largest - least, 1)
+    span = depth.largest - depth.least
+    span = jnp.where(span > 0, span, 1)
     f = _affine(
         jnp.diag(jnp.stack([mu / width, mu / span, jnp.ones_like(mu)])),
-        jnp.stack([jnp.where(wide, lateral.left / width, 0.5), -least / span, jnp.zeros_like(mu)]),
+        jnp.stack([jnp.where(wide, lateral.left / width, 0.5), -depth.least / span, jnp.zeros_like(mu)]),
     )
     pad_t, pad_s = padding.astype(mu.dtype)
     inner = jnp.diag(jnp.stack([1 - 2 * pad_t, jnp.ones_like(mu), 1 - 2 * pad_s, jnp.ones_like(mu)]))
     inner = inner.at[0, 3].set(pad_t).at[2, 3].set(pad_s)
     matrix = jnp.asarray(to_clip(clip_space, mu.dtype)) @ inner @ f @ w_p @ upright @ w_v @ l_p @ l_v
-    return matrix.T if clip_space.row_vectors else matrix, warp.lost_over(own)
+    # With fewer digits than that, all receivers are at one depth.
+    matrix = jnp.where(depth.extent < _LEAST_EXTENT * jnp.finfo(mu.dtype).eps, jnp.nan, matrix)
+    return matrix.T if clip_space.row_vectors else matrix, warp.lost_over(own), depth
 
 
 def checked_clip_space(clip_space: ClipSpace | None) -> ClipSpace:
@@ -170,26 +209,6 @@ def checked_clip_space(clip_space: ClipSpace | None) -> ClipSpace:
     if not isinstance(clip_space, ClipSpace):
         raise ValueError(f"clip_space: got {shown(clip_space)}, expected a ClipSpace, such as ClipSpace.vulkan()")
     return clip_space
-
-
-def _light_range(camera, frame: LightFrame, footprint: Footprint, eta: Array, casters) -> tuple[Array, Array, Array]:
-    """(reference, least, largest): of (l . c - reference)/A over receivers and the casters in front of them."""
-    sides = footprint.sides
-    there = jnp.isfinite(sides.light_least)
-    first = jnp.where(there, sides.light_least, jnp.inf).min()
-    last = jnp.where(there, sides.light_largest, -jnp.inf).max()
-    first, last = (jnp.where(there.any(), v, 0) for v in (first, last))
-    start = jnp.where(there, sides.light_least, first)
-    end = jnp.where(there, sides.light_largest, last)
-    if casters is not None:
-        nearest = jnp.append(frame.along_light(camera.to_eye(casters)), first).min()
-        start = jnp.where(nearest < start, nearest, start)  # between the light and a receiver
-    # Any reference works; the middle of the receivers keeps accuracy in the division by a small A.
-    reference = (first + last) / 2
-    blends = [depth.blend(eta) for depth in (sides.depth, sides.farthest)]
-    least = jnp.stack([(start - reference) / blend for blend in blends]).min()
-    largest = jnp.stack([(end - reference) / blend for blend in blends]).max()
-    return reference, least, largest
 
 
 def _affine(linear: Array, offset: Array) -> Array:

@@ -37,16 +37,21 @@ class GltfCamera:
     aspect: float | None
     half_size: tuple[float, float] | None
 
-    def scene_camera(self, default_aspect: float) -> SceneCamera:
-        """A perspective camera for the rasteriser, whose `far` may be inf.
+    def scene_camera(self, default_aspect: float, far: float | None = None) -> SceneCamera:
+        """The camera for the rasteriser, whose `far` may be inf, with another far plane if given.
 
-        Raises:
-            ValueError: another kind.
+        Parallel rays have no eye: an orthographic camera whose near plane passes through its position is moved back by
+        its depth.
         """
         if self.half_fov is None:
-            raise ValueError(f"camera {self.name!r}: got type {self.kind!r}, expected 'perspective'")
+            assert self.half_size is not None  # of an orthographic one
+            right, top = self.half_size
+            back = 0.0 if self.near > 0 else self.far
+            far = far or self.far
+            position, window = self.position - back * self.rotation[2], (-right, right, -top, top)
+            return SceneCamera(position, self.rotation, self.near + back, far + back, window, True)
         window = centred_window(self.half_fov, self.aspect or default_aspect)
-        return SceneCamera(self.position, self.rotation, self.near, self.far, window)
+        return SceneCamera(self.position, self.rotation, self.near, far or self.far, window)
 
 
 def camera_of(document: Document, which: int | str) -> GltfCamera:

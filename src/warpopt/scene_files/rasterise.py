@@ -12,15 +12,18 @@ def rasterise(triangles: np.ndarray, camera: SceneCamera, height: int, width: in
 
     In homogeneous form (Olano and Greer 1997): the ray c = z s hits a triangle with vertices a, b, c where its
     barycentric coordinates over z, s . (b x c)/det and so on, are >= 0; their sum is 1/z. Vertices behind the eye need
-    no clipping; depths outside [near, far) are not hits. Both faces are visible.
+    no clipping; depths outside [near, far) are not hits. Both faces are visible. For parallel rays (x, y, 1) takes the
+    place of a vertex (x, y, z): the coordinates' sum is 1, and z is linear in them.
 
     Args:
         triangles: (N, 3, 3) world points.
     """
     eye = camera.to_eye(np.asarray(triangles, float))
     eye = eye[(eye[..., 2].max(1) > camera.near) & (eye[..., 2].min(1) < camera.far)]
-    size = np.abs(eye).max((1, 2), initial=0)[:, None, None]  # per triangle, so that no product over- or underflows
-    unit = eye / size
+    parallel = camera.is_orthographic
+    rays = np.concatenate([eye[..., :2], np.ones_like(eye[..., 2:])], -1) if parallel else eye
+    size = np.abs(rays).max((1, 2), initial=0)[:, None, None]  # per triangle, so that no product over- or underflows
+    unit = rays / size
     normals = np.cross(unit[:, [1, 2, 0]], unit[:, [2, 0, 1]])  # edge functions: one vector for each vertex
     volume = (unit[:, 0] * normals[:, 0]).sum(1)
     seen = np.abs(volume) > np.finfo(float).tiny  # not edge-on, and with nonzero area
@@ -39,11 +42,11 @@ def rasterise(triangles: np.ndarray, camera: SceneCamera, height: int, width: in
         column = first[which, 0] + place % np.maximum(counts[which, 0], 1)
         row = first[which, 1] + place // np.maximum(counts[which, 0], 1)
         w = weights[which]
-        with np.errstate(over="ignore", invalid="ignore"):  # inf and NaN are not hits
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # inf and NaN are not hits
             shares = w[..., 0] * across[column][:, None] + w[..., 1] * up[row][:, None] + w[..., 2]
-            inverse = shares.sum(1)
-        hit = (shares >= 0).all(1) & (inverse > 1 / camera.far) & (inverse <= 1 / camera.near)
-        np.minimum.at(depth, (row * width + column)[hit], 1 / inverse[hit])
+            z = (shares * eye[which][..., 2]).sum(1) if parallel else 1 / shares.sum(1)
+        hit = (shares >= 0).all(1) & (z < camera.far) & (z >= camera.near)
+        np.minimum.at(depth, (row * width + column)[hit], z[hit])
         start = stop
     return np.where(np.isfinite(depth), depth, 0).reshape(height, width)
 
@@ -59,7 +62,7 @@ def _pixel_boxes(eye: np.ndarray, camera: SceneCamera, height: int, width: int) 
     cut[..., 2] = camera.near  # exactly: rounding loses a near plane much nearer than the vertices
     points = np.concatenate([eye, cut], axis=1)
     there = np.concatenate([ahead, crossing], axis=1)
-    slopes = points[..., :2] / np.where(there, points[..., 2], 1)[..., None]
+    slopes = points[..., :2] / np.where(there & (not camera.is_orthographic), points[..., 2], 1)[..., None]
     least = np.where(there[..., None], slopes, np.inf).min(1)
     most = np.where(there[..., None], slopes, -np.inf).max(1)
     left, right, bottom, top = camera.window

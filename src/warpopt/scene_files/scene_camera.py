@@ -13,7 +13,8 @@ class SceneCamera:
         position: (3,) in world space.
         rotation: (3, 3), rows right, up and forward in world coordinates, orthonormal.
         near, far: distances of the near and far planes.
-        window: slopes (left, right, bottom, top) of the side planes.
+        window: slopes (left, right, bottom, top) of the side planes; lengths if orthographic.
+        is_orthographic: whether its rays are parallel.
     """
 
     position: np.ndarray
@@ -21,6 +22,7 @@ class SceneCamera:
     near: float
     far: float
     window: tuple[float, float, float, float]
+    is_orthographic: bool = False
 
     @property
     def aspect(self) -> float:
@@ -37,6 +39,7 @@ class SceneCamera:
     def key(self) -> tuple:
         """A key that is equal for equal cameras."""
         numbers = (*self.position.tolist(), *self.rotation.ravel().tolist(), self.near, self.far, *self.window)
+        numbers = (*numbers, float(self.is_orthographic))
         return tuple(number + 0.0 for number in numbers)  # -0.0 is 0.0
 
     def to_eye(self, points: np.ndarray) -> np.ndarray:
@@ -44,7 +47,7 @@ class SceneCamera:
         return (points - self.position) @ self.rotation.T
 
     def slopes(self, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-        """(x/z of the columns, y/z of the rows) at pixel centres, row 0 at the top."""
+        """(x/z of the columns, y/z of the rows) at pixel centres, row 0 at the top; x and y if orthographic."""
         left, right, bottom, top = self.window
         across = left + (right - left) * (np.arange(width) + 0.5) / width
         up = top - (top - bottom) * (np.arange(height) + 0.5) / height

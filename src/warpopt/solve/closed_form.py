@@ -8,6 +8,7 @@ tie of the two receivers, or the kink of L.
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
@@ -48,16 +49,22 @@ class Extremes(NamedTuple):
 
 
 def supremum_norm(space: LightSpace, eta: Float[Array, "..."], objective: Objective) -> Float[Array, "..."]:
-    """max of E_p^alpha E_q^beta over the receivers, for any eta in (0, 1]."""
-    metric = objective.metric
+    """max of E_p^alpha E_q^beta over the receivers, for any eta in (0, 1].
 
-    def attained(depth: LightDepth) -> Array:
+    Each receiver's two errors are computed whole: A^2/eta and (n/f)^r alone may leave the dtype's range.
+    """
+    metric, ends = objective.metric, Extremes.of(space, objective)
+    along, across = space.mu_over_far / space.tan_phi, 2.0
+    if metric.beta:
+        across = 2 / inverse_width(space, eta)
+
+    def attained(depth: LightDepth, nearness: Array | float) -> Array:
+        # E_p is of order A/eta, up to n/f's powers, and A f/n of order 1/sqrt(n/f): in this order all are in range.
         blend = depth.blend(eta)
-        return power(blend * (blend / eta), metric.alpha) * power(blend, metric.beta)
+        e_p, e_q = along * (blend * nearness) * (blend / eta), across * (blend * nearness)
+        return power(e_p, metric.alpha) * power(e_q, metric.beta)
 
-    ends = Extremes.of(space, objective)
-    errors = larger(attained(ends.near), attained(ends.far) / power(1 + space.depth_range, metric.depth_power))
-    return in_units_of_error(space, eta, errors, objective)
+    return larger(attained(ends.near, 1 + space.depth_range), attained(ends.far, 1.0))
 
 
 def in_units_of_error(space: LightSpace, eta: Array, mean: Array, objective: Objective) -> Array:
@@ -77,24 +84,31 @@ def kink(space: LightSpace) -> Float[Array, "..."]:
 
     0 if always the far corners do (theta <= phi).
     """
-    return space.a_plus / ((1 + space.depth_range) * space.b)
+    return space.ratio * space.a_plus / space.b
 
 
 def _tie(space: LightSpace, objective: Objective, near: LightDepth) -> tuple[Array, Array]:
     """(eta, 1 - eta) at which the two receivers' errors are equal; eta = 0 where the nearest always has the larger.
 
     eta = (d_f - d_n - e d_n) / (d_f - d_n + e (1 - d_n)), e = (f/n)^q - 1 and q = r/k, with the common terms removed
-    from
-    the numerator: for E_q it is x a, lambda = n a, where the direct difference loses all digits as a goes to 0.
+    from the numerator: for E_q it is x a, lambda = n a, where the direct difference loses all digits as a goes to 0.
+    Both parts are over f and over (f/n)^q, so that no power of f/n is above 1.
     """
-    x, T, L = space.depth_range, space.slope, space.log_ratio
+    T, share, mu = space.slope, space.share, space.mu_over_far
     q = objective.metric.depth_power / objective.metric.blend_power
     u = extreme_height(objective)
-    growth = jnp.expm1(q * L)
-    top = x * space.a_plus + (1 + growth) * (2 * T * u * jnp.expm1((1 - q) * L) - x * space.a_minus)
-    span = x * (space.sin_theta if u == 0.5 else space.b)  # a + 2 T u
-    bottom = span + growth * near.one_minus_delta * space.mu_over_near
-    return larger(top, 0) / bottom, jnp.where(top > 0, growth * space.mu_over_near / bottom, 1)
+    shrunk, growth = power(space.ratio, q), _growth(space, q)
+    top = shrunk * share * space.a_plus + (2 * T * u * _growth(space, 1 - q) * shrunk - share * space.a_minus)
+    span = share * (space.sin_theta if u == 0.5 else space.b)  # a + 2 T u
+    bottom = shrunk * span + growth * near.one_minus_delta * mu
+    return larger(top, 0) / bottom, jnp.where(top > 0, growth * mu / bottom, 1)
+
+
+def _growth(space: LightSpace, exponent: float) -> Array:
+    """1 - (n/f)^exponent. By the logarithm for thin frusta alone: it would multiply the rounding of a large one."""
+    thin = space.depth_range < 1
+    by_log = -jnp.expm1(-exponent * jnp.where(thin, space.log_ratio, 1))
+    return jnp.where(thin, by_log, 1 - power(space.ratio, exponent))
 
 
 def closed_form(space: LightSpace, objective: Objective) -> Optimum:
@@ -106,25 +120,31 @@ def closed_form(space: LightSpace, objective: Objective) -> Optimum:
     # notation: g, h, m over mu; k, r, c0, c1, c2 of the quadratic in Y
     metric = objective.metric
     alpha, beta, k, r = metric.alpha, metric.beta, metric.blend_power, metric.depth_power
-    x, s, T, mu = space.depth_range, space.sin_theta, space.slope, space.mu_over_near
+    share, ratio, s, T = space.share, space.ratio, space.sin_theta, space.slope
     ends = Extremes.of(space, objective)
     (g, h), widest = ends.near, ends.widest.delta
     m = widest - g
-    # h - g with the common terms removed: x s + (x - 2) T, or 2 (x s - T) below theta = phi.
-    excess = jnp.where(space.a_plus > 0, x * s + (x - 2) * T, 2 * (x * s - T)) / mu
+    # h - g with the common terms removed: D s + (D - 2 n) T, or 2 (D s - n T) below theta = phi.
+    excess = jnp.where(space.a_plus > 0, share * s + (share - 2 * ratio) * T, 2 * (share * s - ratio * T))
+    excess = excess / space.mu_over_far
     c2 = alpha * excess + beta * m
     helps = c2 > 0
     tie, one_minus_tie = _tie(space, objective, ends.near)
     root = one_minus_root = jnp.zeros_like(tie)
     if alpha:
         c2 = jnp.where(helps, c2, 1)
-        c1 = r * m * excess - 2 * alpha * g * h
-        c0 = -k * g * h * m
-        squares = m**2 * (r**2 * excess**2 + 4 * k * beta * g * h)
-        squares = squares + 4 * alpha**2 * g * h * (widest * excess + g**2)
+        # c1, c0 and the root of the discriminant over the larger of g and |m|: next to theta = phi both are of order
+        # n/f, and their squares would be below the least number.
+        unit = jax.lax.stop_gradient(jnp.maximum(g, jnp.abs(m)))
+        unit = jnp.where(unit > 0, unit, 1)
+        g_, m_, widest_ = g / unit, m / unit, widest / unit
+        c1 = r * m_ * excess - 2 * alpha * g_ * h
+        squares = m_**2 * (r**2 * excess**2 + 4 * k * beta * g * h)
+        squares = squares + 4 * alpha**2 * g_ * h * (widest_ * excess + g_ * g)
         spread = jnp.sqrt(jnp.where(helps, squares, 1))
         falling = c1 <= 0
-        Y = jnp.where(falling, (spread - c1) / (2 * c2), -2 * c0 / jnp.where(falling | ~helps, 1, c1 + spread))
+        below = 2 * k * g * h * m_ / jnp.where(falling | ~helps, 1, c1 + spread)
+        Y = jnp.where(falling, unit * (spread - c1) / (2 * c2), below)
         root, one_minus_root = (Y - g) / (Y + h), 1 / (Y + h)
     stationary = root > tie
     eta = jnp.where(helps, jnp.where(stationary, root, tie), 1)
@@ -192,7 +212,8 @@ def _segment_root(objective: Objective, depth: LightDepth, line: LightDepth, ite
 def _with_residual(space: LightSpace, objective: Objective, ends: Extremes, optimum: Optimum) -> Optimum:
     eta, outcome = optimum.eta, optimum.outcome
     ratio = objective.metric.depth_power / objective.metric.blend_power
-    gap = jnp.log(ends.far.blend(eta) / ends.near.blend(eta)) - ratio * space.log_ratio
+    # As a ratio: logarithms would have the rounding of log(f/n).
+    gap = ends.far.blend(eta) / ends.near.blend(eta) * power(space.ratio, ratio) - 1
     line = _choose(eta > kink(space), *_width_lines(ends.widest, objective))
     near_slope, far_slope = (
         jnp.abs(log_ratio(jnp.log(eta), on_lanes(True, _quadratic(objective, depth, line))))

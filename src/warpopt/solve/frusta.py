@@ -80,8 +80,13 @@ def _solution(space: LightSpace, mean: Any, objective: Objective, method: Method
     finite = jnp.isfinite(value) & jnp.isfinite(optimum.eta)
     none = (optimum.eta >= 1) & ~failed(optimum.outcome)
     outcome = jnp.where(finite, jnp.where(none, Outcome.no_warp, optimum.outcome), Outcome.not_finite)
-    # A failure must not look like "no warp".
-    eta, one_minus_eta = (jnp.where(finite, v, jnp.nan) for v in (optimum.eta, optimum.one_minus_eta))
+    # Numbers below the normal ones have few digits, or are 0: devices flush them.
+    least, mu = jnp.finfo(value.dtype).tiny, space.mu
+    held = (optimum.eta >= least) & (value >= least) & (mu >= least) & jnp.isfinite(mu)
+    outcome = jnp.where(finite & ~held, Outcome.out_of_range, outcome)
+    # A failure must not look like "no warp", nor a number of few digits like the optimum.
+    good = finite & held
+    eta, one_minus_eta, value = (jnp.where(good, v, jnp.nan) for v in (optimum.eta, optimum.one_minus_eta, value))
     warp = Warp(eta, one_minus_eta, space.start, space.mu, jnp.ones((), bool))
     return Solution(warp, value, outcome.astype(jnp.int32), optimum.residual)
 

@@ -8,7 +8,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from .._checks import checked, float_arrays, joint_shape
-from .._words import flag, one_of, whole_number
+from .._words import flag, one_of, shown, whole_number
 from ..objective import Objective, objective_or_default
 from ..theory.warp import Warp, refuse_lost
 from ..views import FrustumView, SceneView, refuse_other
@@ -32,8 +32,9 @@ def optimal_warp(
 ) -> Solution: ...
 @overload
 def optimal_warp(
-    view: SceneView, objective: Objective | None = None, *, throw: bool = True, min_eta: ArrayLike = 1e-4
-) -> SceneSolution: ...
+    view: SceneView, objective: Objective | None = None, *, throw: bool = True, min_eta: ArrayLike = 1e-4,
+    previous: SceneSolution | None = None,
+) -> SceneSolution: ...  # fmt: skip
 def optimal_warp(
     view: FrustumView | SceneView,
     objective: Objective | None = None,
@@ -42,6 +43,7 @@ def optimal_warp(
     min_eta: ArrayLike = 1e-4,
     method: str = "auto",
     quadrature_nodes: int | None = None,
+    previous: SceneSolution | None = None,
 ) -> Solution | SceneSolution:
     """The warp that minimises the norm of an aliasing error over the receivers; the global minimum.
 
@@ -58,6 +60,8 @@ def optimal_warp(
             integer, which are integrated numerically (default: 64, and more for large orders, whose integrands have
             sharp peaks; above an order of about 100 pass more, or the outcome is `inaccurate`). If given, it forces
             quadrature for every L_P norm.
+        previous: over a scene with `warp_direction="steady"`, the frame before's solution: a map without a warp keeps
+            its axes where others are better by less than a hundredth.
 
     Raises:
         ValueError: bad arguments, or a norm whose optimum could not be certified.
@@ -77,6 +81,11 @@ def optimal_warp(
     objective = objective_or_default(objective)
     flag("throw", throw)
     how, min_eta = _checked_method(method, quadrature_nodes), checked_min_eta(min_eta)
+    steady = isinstance(view, SceneView) and view.warp_direction == "steady"
+    if previous is not None and not (steady and isinstance(previous, SceneSolution)):
+        raise ValueError(
+            f"previous: got {shown(previous)}, expected None, or a SceneSolution with a SceneView of direction 'steady'"
+        )
     if isinstance(view, FrustumView):
         objective.metric  # noqa: B018, raises: one term
         solution = in_blocks(solve_frusta, (view.frustum, view.theta), objective, how)
@@ -85,7 +94,8 @@ def optimal_warp(
             raise ValueError(
                 f"method, quadrature_nodes: got {method!r}, {quadrature_nodes!r}, expected the defaults for a scene"
             )
-        solution = solve_scene(settled_scene(view, objective), objective, min_eta)
+        before = None if previous is None else previous.direction
+        solution = solve_scene(settled_scene(view, objective), objective, min_eta, before)
     return raised(solution) if throw else solution
 
 

@@ -29,6 +29,7 @@ class Outcome(enum.IntEnum):
     inaccurate = 8
     not_finite = 9
     depth_weighted = 10
+    out_of_range = 11
 
     @property
     def sentence(self) -> str:
@@ -37,7 +38,9 @@ class Outcome(enum.IntEnum):
     @property
     def succeeded(self) -> bool:
         """Whether the warp is the optimum, or no warp is needed; not whether there is something to warp."""
-        return self not in (Outcome.not_converged, Outcome.inaccurate, Outcome.not_finite)
+        return self not in (
+            Outcome.not_converged, Outcome.inaccurate, Outcome.not_finite, Outcome.out_of_range,
+        )  # fmt: skip
 
 
 _SENTENCES = {
@@ -55,6 +58,7 @@ _SENTENCES = {
         "The norm is not a finite number: far/near beyond 7.9e13, unbounded receivers, exponents or an order so large "
         "that it overflows, or NaN input."
     ),
+    Outcome.out_of_range: "Out of range: eta, the norm or a length is beyond the normal numbers of the dtype.",
 }
 
 

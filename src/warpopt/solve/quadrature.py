@@ -133,7 +133,8 @@ def _log_integrals(mean: QuadratureMean, eta: Array, power: float, factors) -> l
     lower, upper = along(0.0), along(1.0)
     blend = lower.blend(eta)
     # A(u = 1)/A(u = 0) - 1 = (1 - eta) 2 z T / (mu A)
-    span = (1 - eta) * (2 * space.slope / space.mu_over_near)[..., None] * jnp.exp(log_z) / blend
+    reach = (2 * space.slope / space.mu_over_far)[..., None] * jnp.exp(log_z - space.log_ratio[..., None])
+    span = (1 - eta) * reach / blend
     growth = jnp.maximum(jnp.log1p(span), 1e-20)[..., None]  # expm1(g v)/expm1(g) is v to rounding there
     points, heights = np.polynomial.legendre.leggauss(max(nodes // 2, 8))
     v, w, heights = (nodes.astype(growth.dtype) for nodes in ((1 + points) / 2, (1 - points) / 2, heights))

@@ -59,9 +59,18 @@ def settled_scene(view: SceneView, objective: Objective) -> SceneView:
     )
 
 
+_AS_GOOD = 0.01  # of the error: axes that are this much worse are kept from the frame before
+
+
 @functools.partial(jax.jit, static_argnames=("objective",))
-def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]) -> SceneSolution:
-    """The optimum of one view."""
+def solve_scene(
+    view: SceneView, objective: Objective, min_eta: Float[Array, ""], previous: Float[Array, "3"] | None = None
+) -> SceneSolution:
+    """The optimum of one view; `previous` is the direction of the frame before, for "steady"."""
+    # One dtype, the camera's: a float64 limit would widen a loop's carry.
+    min_eta = jnp.asarray(min_eta, view.camera.position.dtype)
+    if view.warp_direction == "steady":
+        return _steady(view, objective, min_eta, previous)
     if view.warp_direction != "best":
         return _solve_along(view, view.frame_along(view.warp_direction), objective, min_eta)
     ahead = view.frame_along("view")
@@ -76,6 +85,38 @@ def solve_scene(view: SceneView, objective: Objective, min_eta: Float[Array, ""]
     turn = (kept.value > view.turn_only_if * turned.value) & ~failed(turned.result)
     chosen = jax.tree.map(lambda own, other: jnp.where(turn, other, own), kept, turned)
     return eqx.tree_at(lambda s: (s.unturned, s.directions), chosen, (kept.value, count))
+
+
+def _steady(view: SceneView, objective: Objective, min_eta: Array, previous: Array | None) -> SceneSolution:
+    """The optimum along the view, or no warp along the screen's columns or rows if its error is no larger.
+
+    The least error is continuous; between axes of nearly equal error those of the frame before are kept.
+    """
+    ahead = view.frame_along("view")
+    vectors = [jnp.array([0.0, -1.0, 0.0]), jnp.array([1.0, 0.0, 0.0])]
+    if previous is not None:
+        vectors.append(view.camera.rotation @ previous.astype(view.camera.rotation.dtype))
+    turned = [ahead, *(ahead.towards(v.astype(ahead.light.dtype)) for v in vectors)]
+    turns = tuple(jnp.stack([frame.z_axis @ axis for frame in turned]) for axis in (ahead.z_axis, ahead.x_axis))
+    every = jax.lax.map(lambda turn: _solve_along(view, ahead.turned(*turn), objective, min_eta), turns)
+    values = every.unwarped.at[0].set(every.value[0])
+    # A failure along the view stays one; receivers that are no one's have one set of axes.
+    own = failed(every.result[0]) | (every.result[0] == Outcome.empty)
+    chosen = jnp.where(own, 0, jnp.argmin(values))
+    if previous is not None:
+        kept = (values[-1] <= (1 + _AS_GOOD) * values[chosen]) & (chosen != 0)
+        chosen = jnp.where(kept, len(turned) - 1, chosen)
+    solution = jax.tree.map(lambda v: v[chosen], every)
+    unwarped = chosen > 0
+    one, zero = jnp.ones_like(solution.value), jnp.zeros_like(solution.value)
+    outcome = jnp.where(solution.result == Outcome.flat, Outcome.flat, Outcome.no_warp).astype(jnp.int32)
+    plain = eqx.tree_at(
+        lambda s: (s.warp.eta, s.warp.one_minus_eta, s.value, s.result, s.residual, s.gap),
+        solution, (one, zero, solution.unwarped, outcome, zero, zero),
+    )  # fmt: skip
+    solution = jax.tree.map(lambda a, b: jnp.where(unwarped, a, b), plain, solution)
+    count = jnp.full((), len(turned), jnp.int32)
+    return eqx.tree_at(lambda s: (s.unturned, s.directions), solution, (every.value[0], count))
 
 
 def _solve_along(view: SceneView, frame: LightFrame, objective: Objective, min_eta: Float[Array, ""]) -> SceneSolution:

@@ -19,7 +19,7 @@ from ..receivers.receivers import Receivers
 from ..receivers.weighted.weights import Weighting
 from ..render.shadow_matrix import ClipSpace, checked_clip_space
 from ..solve.scene import settled_scene
-from ..theory.camera import Camera, DirectionalLight
+from ..theory.camera import Camera, DirectionalLight, refuse_orthographic
 from ..views import DIRECTIONS, LATERAL, SceneView
 from .state import WindowState
 from .steps import Settings, update_window
@@ -181,6 +181,7 @@ class StableWindow:
             map_aspect=self.map_aspect, turn_only_if=self.turn_only_if,
         )  # fmt: skip
         view = settled_scene(view, objective)
+        refuse_orthographic(camera, "a stable window follows a perspective view")
         if casters is not None:
             casters = points_of(camera.position.dtype, "casters", casters)
             if not is_traced(casters) and not np.isfinite(casters).all():

@@ -113,15 +113,22 @@ class LambdaTable(eqx.Module):
     def warp(self, frustum: ViewFrustum, theta: Numbers, *, outside: Outside = "clamp") -> Warp:
         """The table's warp for a frustum (`lam` in its units).
 
+        Its `promised` says where the table keeps its promise: not where theta, far/near or the field of view was
+        clamped.
+
         Raises:
-            ValueError: as `eta`; a frustum whose far/near or field of view differs from the fixed one of the table.
+            ValueError: theta outside [0, pi]; as `eta`; a frustum whose far/near or field of view differs from the
+                fixed one of the table.
         """
         instance("frustum", frustum, ViewFrustum)
         ratio, half_fov = frustum.depth_ratio, frustum.half_fov
         self._check_single(depth_ratio=ratio, half_fov=half_fov)
-        eta = self.eta(theta, ratio, half_fov, outside=outside)
         view = FrustumView(frustum, theta)
-        return Warp(eta, 1 - eta, view.start, view.mu, jnp.ones((), bool))
+        eta = self.eta(theta, ratio, half_fov, outside=outside)
+        promised = jnp.ones((), bool)
+        for name, value in (("theta", view.theta), ("depth_ratio", ratio), ("half_fov", half_fov)):
+            promised = promised & self._within(name, value)
+        return Warp(eta, 1 - eta, view.start, view.mu, jnp.ones((), bool), promised)
 
     def save(self, path: str | Path) -> None:
         """Write it as .npz, .csv or .json, by the file extension; atomic, and equal tables give equal files.
@@ -155,6 +162,20 @@ class LambdaTable(eqx.Module):
             own, tolerance = float(axis[0]), 16 * float(jnp.finfo(value.dtype).eps)
             checked(name, value, lambda v, o=own, t=tolerance: abs(v / o - 1) <= t, f"the table's {own:.9g}")
 
+    def _ends(self, name: str) -> tuple[float, float]:
+        """The least and the largest value of an axis; of theta, of the knots, which all rows share."""
+        axis = self.theta[0, 0] if name == "theta" else getattr(self, name)
+        return float(axis[0]), float(axis[-1])
+
+    def _within(self, name: str, value):
+        """Where a value lies within the axis, up to rounding of the mirroring and of the axis; a single row's is so."""
+        low, high = self._ends(name)
+        slack = 4 * float(np.finfo(value.dtype).eps)
+        if name == "theta":
+            folded = math.pi / 2 - abs(value - math.pi / 2)
+            return (folded >= low - slack) & (folded <= high + slack)
+        return (value >= low * (1 - slack)) & (value <= high * (1 + slack)) if low < high else value == value
+
     def _given(self, outside: Outside, **values: Numbers | None) -> dict[str, Numbers]:
         """The axes' values, without those of axes that the table does not have."""
         one_of("outside", outside, get_args(Outside))
@@ -173,21 +194,13 @@ class LambdaTable(eqx.Module):
         theta, *others = values
         names = [name for name in ("depth_ratio", "half_fov") if len(getattr(self, name)) > 1]
         if outside == "error":
-            slack = 4 * float(np.finfo(theta.dtype).eps)  # for rounding of the mirroring and of the axes
-            first, last = float(self.theta[0, 0, 0]), float(self.theta[0, 0, -1])
-
-            def within(v):
-                folded = math.pi / 2 - abs(v - math.pi / 2)
-                return (folded >= first - slack) & (folded <= last + slack)
-
-            theta = checked("theta", theta, within, f"radians in [{first:.6g}, {last:.6g}], or as far from pi")
+            low, high = self._ends("theta")
+            words = f"radians in [{low:.6g}, {high:.6g}], or as far from pi"
+            theta = checked("theta", theta, functools.partial(self._within, "theta"), words)
             for i, name in enumerate(names):
-                low, high = float(getattr(self, name)[0]), float(getattr(self, name)[-1])
-                others[i] = checked(
-                    name, others[i],
-                    lambda v, a=low, b=high: (v >= a * (1 - slack)) & (v <= b * (1 + slack)),
-                    f"a number in [{low:.6g}, {high:.6g}]",
-                )  # fmt: skip
+                low, high = self._ends(name)
+                words = f"a number in [{low:.6g}, {high:.6g}]"
+                others[i] = checked(name, others[i], functools.partial(self._within, name), words)
         by_name = dict(zip(names, others, strict=True))
         read = _compiled_lookup if xp is jnp else functools.partial(lookup, xp=np)
         return read(theta, by_name.get("depth_ratio"), by_name.get("half_fov"), self.rows)

@@ -11,6 +11,7 @@ from .aliasing import (
     texture_coordinates,
 )
 from .camera import Camera, DirectionalLight
+from .far_limit import far_limit
 from .light_frame import LightFrame
 from .light_space import LightDepth, LightSpace
 from .texel import KERNELS, edge_offset, larger_error, lean, longest_edge, offset_across
@@ -32,6 +33,7 @@ __all__ = [
     "aliasing_error_uz",
     "edge_offset",
     "errors",
+    "far_limit",
     "larger_error",
     "lean",
     "local_aliasing_error",

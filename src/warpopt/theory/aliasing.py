@@ -101,7 +101,7 @@ def _over(warp: Warp, space: LightSpace) -> Warp:
 
 def _error(space: LightSpace, warp: Warp, depth: LightDepth, z: Array, metric: str | Metric) -> Array:
     eta = _over(warp, space).eta
-    along = space.mu / (z * space.tan_phi)
+    along = space.mu_over_far * (space.far / z) / space.tan_phi
     across = 2 * (space.far / z) / inverse_width(space, eta)
     return aggregate(metric, *errors(depth.blend(eta), eta, along, across))
 
@@ -196,8 +196,8 @@ def texture_coordinates(
     x, y, z = floats_of(space.near.dtype, x=x, y=y, z=z)
     depth, eta = space.depth_yz(y, z), _over(warp, space).eta
     blend = depth.blend(eta)
-    half_width = space.far * space.tan_phi / inverse_width(space, eta)
-    return 0.5 + x / (2 * half_width * blend), depth.delta / blend
+    half_width = space.tan_phi / inverse_width(space, eta)  # over far
+    return 0.5 + x / space.far / (2 * half_width * blend), depth.delta / blend
 
 
 def screen_coordinates(

@@ -5,13 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._checks import Numbers, checked, float_arrays, points_of
+from .._checks import Numbers, assembled, checked, float_arrays, points_of
 from .._words import one_of, shown
 from ..scene_files.scene_camera import SceneCamera
 
 
 class Camera(eqx.Module):
-    """A perspective camera: position, orientation and view frustum.
+    """A camera, perspective unless made by `orthographic`: position, orientation and view frustum.
 
     Eye coordinates are left-handed as in AT09: x to the right, y up, z along the view. One camera; use `jax.vmap` for
     several.
@@ -39,7 +39,9 @@ class Camera(eqx.Module):
     rotation: Float[Array, "3 3"]  # rows: right, up and forward in world coordinates
     near: Float[Array, ""]
     far: Float[Array, ""]
-    window: Float[Array, "4"]  # slopes of the side planes: left, right, bottom, top; x / z or y / z of each
+    # Slopes of the side planes: left, right, bottom, top; x / z or y / z of each. Orthographic: x or y, lengths.
+    window: Float[Array, "4"]
+    is_orthographic: bool = eqx.field(static=True, default=False)
 
     def __init__(
         self,
@@ -147,12 +149,63 @@ class Camera(eqx.Module):
         camera = cls(position, forward, up, near, far, 0.5, handedness=handedness)
         return eqx.tree_at(lambda c: c.window, camera, slopes.astype(camera.window.dtype))
 
+    @classmethod
+    def orthographic(
+        cls,
+        position: Numbers,
+        forward: Numbers,
+        up: Numbers,
+        near: Numbers,
+        far: Numbers,
+        half_height: Numbers,
+        aspect: Numbers = 1.0,
+        *,
+        handedness: str = "right",
+    ) -> "Camera":
+        """A camera with parallel rays: a box from near to far, 2 half_height high.
+
+        The screen sees all depths alike, so that z is a constant in the errors: for every maximum no warp is best, and
+        for a mean the receivers' distribution along the warp decides ((T65) of docs/theory.md). docs/support.md says
+        what works with it.
+
+        Args:
+            half_height: half the height of the window, a length > 0.
+            position, forward, up, near, far, aspect, handedness: as for the class; `near` > 0, as parallel rays have no
+                eye: move the position back along the view.
+
+        Raises:
+            ValueError: as the class, and for a half height that is not a finite number > 0.
+
+        Example:
+            >>> camera = Camera.orthographic((0, 50, 0), (0, -1, -1), (0, 1, 0), near=1.0, far=200.0, half_height=20.0)
+            >>> camera.is_orthographic, camera.window.tolist()
+            (True, [-20.0, 20.0, -20.0, 20.0])
+        """
+        half_height, aspect = _numbers(half_height=half_height, aspect=aspect)
+        top = checked("half_height", half_height, lambda v: (v > 0) & (v < np.inf), "a finite number > 0")
+        right = top * checked("aspect", aspect, lambda v: (v > 0) & (v < np.inf), "a finite number > 0")
+        camera = cls(position, forward, up, near, far, 0.5, handedness=handedness)
+        dtype = jnp.result_type(camera.window, top, right)
+        window = jnp.stack([-right, right, -top, top]).astype(dtype)
+        parts = (v.astype(dtype) for v in (camera.position, camera.rotation, camera.near, camera.far))
+        names = ("position", "rotation", "near", "far")
+        return assembled(cls, **dict(zip(names, parts, strict=True)), window=window, is_orthographic=True)
+
     def to_eye(self, points: Numbers) -> Float[Array, "... 3"]:
         """World points (..., 3) in eye coordinates."""
         return (points_of(self.position.dtype, "points", points) - self.position) @ self.rotation.T
 
+    def corners(self) -> Float[Array, "8 3"]:
+        """Eye coordinates of the frustum's corners, those of the near plane first."""
+        left, right, bottom, top = self.window
+        ends = []
+        for z in (self.near, self.far):
+            size = jnp.ones_like(z) if self.is_orthographic else z
+            ends += [jnp.stack([x * size, y * size, z]) for x in (left, right) for y in (bottom, top)]
+        return jnp.stack(ends)
+
     def corner_slopes(self) -> Float[Array, "4 3"]:
-        """Eye coordinates over z of the frustum's four edges: (x/z, y/z, 1)."""
+        """Eye coordinates over z of a perspective frustum's four edges: (x/z, y/z, 1)."""
         left, right, bottom, top = self.window
         one = jnp.ones_like(left)
         return jnp.stack([jnp.stack([x, y, one]) for x in (left, right) for y in (bottom, top)])
@@ -165,8 +218,10 @@ class Camera(eqx.Module):
         left, right, bottom, top = self.window
         zero, one = jnp.zeros_like(left), jnp.ones_like(left)
         sides = [(one, zero, -left), (-one, zero, right), (zero, one, -bottom), (zero, -one, top)]
-        normals = jnp.stack([jnp.stack(v) / jnp.sqrt(1 + v[2] ** 2) for v in sides])
         ends = jnp.stack([jnp.stack([zero, zero, one, -self.near]), far_plane(self.far)])
+        if self.is_orthographic:
+            return jnp.concatenate([jnp.stack([jnp.stack([x, y, zero, offset]) for x, y, offset in sides]), ends])
+        normals = jnp.stack([jnp.stack(v) / jnp.sqrt(1 + v[2] ** 2) for v in sides])
         return jnp.concatenate([jnp.pad(normals, ((0, 0), (0, 1))), ends])
 
 
@@ -191,6 +246,16 @@ class DirectionalLight(eqx.Module):
     def __init__(self, direction: Numbers):
         (direction,) = _vectors(direction=direction)
         self.direction = normalised("direction", direction)
+
+
+def refuse_orthographic(camera: Camera, why: str) -> None:
+    """Refuse an orthographic camera.
+
+    Raises:
+        ValueError: with the reason.
+    """
+    if camera.is_orthographic:
+        raise ValueError(f"camera: got an orthographic one, expected a perspective one: {why}")
 
 
 def normalised(name: str, vector: Float[Array, "3"]) -> Float[Array, "3"]:
@@ -252,4 +317,10 @@ def _rotation(forward: Array, up: Array, handedness: str) -> Array:
 def camera_of(seen: SceneCamera) -> Camera:
     """The camera of a scene's file or settings."""
     _, up, forward = seen.rotation
+    if seen.is_orthographic:
+        _, _, bottom, top = seen.window
+        camera = Camera.orthographic(
+            seen.position, forward, up, seen.near, seen.far, (top - bottom) / 2, handedness=seen.handedness
+        )
+        return eqx.tree_at(lambda c: c.window, camera, jnp.asarray(seen.window, camera.window.dtype))
     return Camera.off_centre(seen.position, forward, up, seen.near, seen.far, seen.window, handedness=seen.handedness)

@@ -21,11 +21,12 @@ class LightFrame(eqx.Module):
         x_axis, z_axis, light: (3,) unit vectors in eye coordinates.
         theta: angle between light and view, radians in [0, pi].
         parallel: whether Z_w is fixed to the screen's down axis.
-        density_p, density_q: screen units per unit slope (x/z, y/z), across X_w's screen image and along it: E_p E_q is
-            the texel's area for pixels of any shape.
+        density_p, density_q: screen units per unit slope (x/z, y/z; per length if orthographic), across X_w's screen
+            image and along it: E_p E_q is the texel's area for pixels of any shape.
         pixel_ratio: a length along X_w's image over the same across it, in pixels; 1 for square pixels.
         pixels: (2, 2), the screen images of X_w and Z_w as columns, in screen units per unit slope.
         texels: of the map along (t, s); (1, 1) without resolutions.
+        is_orthographic: whether the view's rays are parallel.
 
     Example:
         >>> import warpopt
@@ -45,6 +46,7 @@ class LightFrame(eqx.Module):
     pixel_ratio: Float[Array, ""]
     pixels: Float[Array, "2 2"]
     texels: Float[Array, "2"]
+    is_orthographic: bool = eqx.field(static=True, default=False)
 
     def __init__(
         self,
@@ -89,7 +91,7 @@ class LightFrame(eqx.Module):
         z_axis = jnp.where(parallel, jnp.cross(fixed_x, fixed), z_axis)
         self.x_axis, self.z_axis, self.light = x_axis, z_axis, l
         self.theta = jnp.where(parallel, jnp.where(l[2] < 0, jnp.pi, 0.0), jnp.arctan2(sine, l[2]))
-        self.parallel = parallel
+        self.parallel, self.is_orthographic = parallel, camera.is_orthographic
         # Lengths on the light plane are taken for lengths on the screen, turned so that X_w is along its own image.
         dx, dy = x_axis[0], x_axis[1]
         self.pixels = jnp.stack([jnp.stack([dx * width, dy * height]), jnp.stack([dy * width, -dx * height])], -1)
@@ -112,7 +114,7 @@ class LightFrame(eqx.Module):
         pixels = jnp.stack([cosine * across - sine * along, cosine * along + sine * across], -1)
         return assembled(
             LightFrame, x_axis=x_axis, z_axis=z_axis, light=self.light, theta=self.theta, parallel=self.parallel,
-            pixels=pixels, texels=self.texels,
+            pixels=pixels, texels=self.texels, is_orthographic=self.is_orthographic,
             **dict(zip(("density_p", "density_q", "pixel_ratio"), _densities(pixels, self.texels), strict=True)),
         )  # fmt: skip
 
@@ -157,8 +159,9 @@ class LightFrame(eqx.Module):
         return jnp.asarray(points) @ self.x_axis
 
     def eye_depth(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
-        """The depth that errors are inversely proportional to: z under a directional light."""
-        return jnp.asarray(points)[..., 2]
+        """The depth that errors are inversely proportional to: z, or 1 where the view's rays are parallel."""
+        z = jnp.asarray(points)[..., 2]
+        return jnp.ones_like(z) if self.is_orthographic else z
 
     def along_light(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
         """l . c, which increases away from the light."""

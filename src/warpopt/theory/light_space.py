@@ -1,7 +1,8 @@
 """The view frustum in light space: AT09 section 2.4, written with sums of non-negative terms only.
 
 The direct formulas lose up to 12 digits of mu and all digits of delta (theta near phi, light along the view). Here
-every length is a sum of non-negative terms in units of the near distance, so nothing cancels and nothing overflows.
+every length is a sum of non-negative terms in units of the far distance, so nothing cancels, and nothing overflows for
+any far/near that the dtype holds.
 """
 
 import math
@@ -86,6 +87,8 @@ class LightSpace(eqx.Module):
     far: Float[Array, "..."]
     tan_phi: Float[Array, "..."]
     depth_range: Float[Array, "..."]  # (far - near) / near
+    share: Float[Array, "..."]  # (far - near) / far
+    ratio: Float[Array, "..."]  # near / far
     sin_theta: Float[Array, "..."]
     mirrored: Bool[Array, "..."]  # theta > pi/2: the scene upside down
     slope: Float[Array, "..."]  # T = tan(phi) |cos(theta)|
@@ -99,9 +102,10 @@ class LightSpace(eqx.Module):
         # notation: n, f, phi as in AT09 and the derivation
         n, f, phi = frustum.near, frustum.far, frustum.half_fov
         self.near, self.far = n, f
-        self.tan_phi, self.depth_range, self.sin_theta, self.mirrored, self.slope, self.a_plus, self.a_minus, self.b = (
-            _fields(n, f, phi, theta)
+        self.tan_phi, self.sin_theta, self.mirrored, self.slope, self.a_plus, self.a_minus, self.b = side_slopes(
+            phi, theta
         )
+        self.depth_range, self.share, self.ratio = (f - n) / n, (f - n) / f, n / f
 
     @property
     def log_ratio(self) -> Float[Array, "..."]:
@@ -113,9 +117,14 @@ class LightSpace(eqx.Module):
         return self.depth_range * self.a_plus + 2 * (1 + self.depth_range) * self.slope
 
     @property
+    def mu_over_far(self) -> Float[Array, "..."]:
+        """In range for every far/near, as `mu_over_near` is not."""
+        return self.share * self.a_plus + 2 * self.slope
+
+    @property
     def mu(self) -> Float[Array, "..."]:
         """Depth range of the warping frustum, VN (13)."""
-        return self.near * self.mu_over_near
+        return self.far * self.mu_over_far
 
     @property
     def start(self) -> Float[Array, "..."]:
@@ -128,7 +137,8 @@ class LightSpace(eqx.Module):
 
     def depth_uz(self, u: Float[Array, "..."], z: Float[Array, "..."]) -> LightDepth:
         """Depth of the points at height fraction u in [0, 1] and eye depth z."""
-        return _depth(self, z, z * u * self.slope * 2, z * (1 - u) * self.slope * 2)
+        reach = z / self.far * self.slope * 2
+        return _depth(self, z, u * reach, (1 - u) * reach)
 
     def depth_yz(self, y: Float[Array | np.ndarray, "..."], z: Float[Array | np.ndarray, "..."]) -> LightDepth:
         """Depth of the points at eye coordinates (y, z).
@@ -137,14 +147,32 @@ class LightSpace(eqx.Module):
         `depth_uz` does not have this problem.
         """
         y, z = jnp.asarray(y), jnp.asarray(z)
-        half = z * self.slope
-        offset = y * jnp.where(self.mirrored, -1, 1) * (self.slope / self.tan_phi)
+        half = z / self.far * self.slope
+        offset = y / self.far * jnp.where(self.mirrored, -1, 1) * (self.slope / self.tan_phi)
         return _depth(self, z, half - offset, half + offset)
 
 
+class SideSlopes(NamedTuple):
+    """What light space takes from the angles alone; the fields as those of `LightSpace`.
+
+    Example:
+        >>> SideSlopes(*range(7)).b
+        6
+    """
+
+    tan_phi: Float[Array, "..."]
+    sin_theta: Float[Array, "..."]
+    mirrored: Bool[Array, "..."]
+    slope: Float[Array, "..."]
+    a_plus: Float[Array, "..."]
+    a_minus: Float[Array, "..."]
+    b: Float[Array, "..."]
+
+
 @compiled
-def _fields(n: Array, f: Array, phi: Array, theta: Array) -> tuple[Array, ...]:
-    # notation: n, f, phi, s, c, T, a as in AT09 and the derivation
+def side_slopes(phi: Float[Array, "..."], theta: Float[Array, "..."]) -> SideSlopes:
+    """Of the half field of view and the angle between light and view, radians; they are not checked."""
+    # notation: phi, s, c, T, a as in AT09 and the derivation
     sin, cos = jnp.sin(theta), jnp.cos(theta)
     s = jnp.where(sin < 0, -sin, sin)  # float32(pi) lies beyond pi
     mirrored = cos < 0
@@ -159,22 +187,23 @@ def _fields(n: Array, f: Array, phi: Array, theta: Array) -> tuple[Array, ...]:
     rounding = jnp.where(mirrored, _rounding_of_sum(difference, rest) + rest_of_rest, 0)
     a = jnp.where((T < s / 2) | (T > 2 * s), s - T, _sine_near_zero(angle, rounding) / jnp.cos(phi))
     above = (a > 0) | (mirrored & (a == 0))
-    return tan_phi, (f - n) / n, s, mirrored, T, jnp.where(above, a, 0), jnp.where(above, 0, -a), s + T
+    return SideSlopes(tan_phi, s, mirrored, T, jnp.where(above, a, 0), jnp.where(above, 0, -a), s + T)
 
 
 @compiled
 def _edge(space: LightSpace, u: ArrayLike) -> tuple[LightDepth, LightDepth]:
-    x, T, mu = space.depth_range, space.slope, space.mu_over_near
-    near = LightDepth((x * space.a_minus + 2 * T * u) / mu, (x * space.b + 2 * T * (1 - u)) / mu)
-    far_span = 2 * (1 + x) * T
-    return near, LightDepth((x * space.a_plus + far_span * u) / mu, far_span * (1 - u) / mu)
+    share, T, mu = space.share, space.slope, space.mu_over_far
+    near_span, far_span = 2 * space.ratio * T, 2 * T
+    near = LightDepth((share * space.a_minus + near_span * u) / mu, (share * space.b + near_span * (1 - u)) / mu)
+    return near, LightDepth((share * space.a_plus + far_span * u) / mu, far_span * (1 - u) / mu)
 
 
 @compiled
 def _depth(space: LightSpace, z: Array, above: Array, below: Array) -> LightDepth:
-    mu = space.mu
-    delta = ((z - space.near) * space.a_plus + (space.far - z) * space.a_minus + above) / mu
-    return LightDepth(delta, ((space.far - z) * space.b + below) / mu)
+    """Of points at eye depth z, `above` and `below` the side planes' light-space ranges over far."""
+    mu, before, behind = space.mu_over_far, (z - space.near) / space.far, (space.far - z) / space.far
+    delta = (before * space.a_plus + behind * space.a_minus + above) / mu
+    return LightDepth(delta, (behind * space.b + below) / mu)
 
 
 def _sine_near_zero(x: Array, rounding: Array) -> Array:

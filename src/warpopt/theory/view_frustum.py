@@ -15,7 +15,8 @@ class ViewFrustum(eqx.Module):
 
     Args:
         near: distance of the near plane, > 0.
-        far: distance of the far plane, > near.
+        far: distance of the far plane, > near; far / near is at most a quarter of what the dtype's reciprocals hold,
+            2.1e37 in float32. `warpopt.theory.far_limit` is the optimum as it grows without end.
         half_fov: half the field of view phi, in radians, in (0, pi/2); the same for both screen axes.
 
     Raises:
@@ -35,10 +36,15 @@ class ViewFrustum(eqx.Module):
         near, far, half_fov = float_arrays(near=near, far=far, half_fov=half_fov)
         shape = joint_shape(near=near, far=far, half_fov=half_fov)
         near, far, half_fov = (jnp.broadcast_to(v, shape) for v in (near, far, half_fov))
-        self.near = checked("near", near, lambda v: (v > 0) & (v < np.inf), "a finite number > 0")
-        largest = jnp.finfo(far.dtype).max
+        # A device takes numbers below the least normal one for 0.
+        least = float(jnp.finfo(near.dtype).tiny)
+        words = f"a finite number > 0 that {near.dtype} holds with all digits, >= {least:.3g}"
+        self.near = checked("near", near, lambda v: (v >= least) & (v < np.inf), words)
+        largest = 0.25 / least
+        words = f"a finite number > near, of a far/near up to {largest:.3g} ({far.dtype})"
+        # By a product: the quotient may overflow.
         self.far = checked(
-            "far", far, lambda v, near: (v > near) & (v / near <= largest), "a finite number > near", near
+            "far", far, lambda v, near: (v > near) & (v < np.inf) & (v * (1 / largest) <= near), words, near
         )
         self.half_fov = checked("half_fov", half_fov, lambda v: (v > 0) & (v < np.pi / 2), "radians in (0, pi/2)")
 

@@ -53,6 +53,8 @@ class Warp(eqx.Module):
         start: where the body begins along Z_w, a length from the eye.
         mu: depth range of the warping frustum, a length.
         defined: False where a published rule yields no lambda > 0; eta is then 1 (no warp).
+        promised: of a table's warp, whether its inputs lie within the table's ranges, so that its promise holds; None
+            of all others.
 
     Example:
         >>> warp = Warp.from_lam(11.0, Extent(start=1.0, mu=99.0))
@@ -65,6 +67,7 @@ class Warp(eqx.Module):
     start: Float[Array, "..."]
     mu: Float[Array, "..."]
     defined: Bool[Array, "..."]
+    promised: Bool[Array, "..."] | None = None
 
     @classmethod
     def from_eta(cls, eta: Numbers, body: Body) -> "Warp":

@@ -67,18 +67,22 @@ class Seen:
         depth: (height, width) eye depths, inf for none.
         slopes: (height, width, 3): eye coordinates over z.
         extent: for a section: (least z, largest z, least slope, largest slope). None for an image.
+        is_orthographic: whether the camera's rays are parallel.
     """
 
     depth: np.ndarray
     slopes: np.ndarray
     extent: tuple[float, float, float, float] | None = None
+    is_orthographic: bool = False
 
 
 def image_of(camera: SceneCamera, depth: np.ndarray) -> Seen:
     """What the camera sees, from an image of eye depths, inf for background."""
     across, up = camera.slopes(*depth.shape)
     slopes = np.stack([*np.broadcast_arrays(across, up[:, None]), np.ones(depth.shape)], -1)
-    return Seen(depth, slopes)
+    if camera.is_orthographic:
+        slopes[..., :2] /= np.where(np.isfinite(depth), depth, 1)[..., None]
+    return Seen(depth, slopes, is_orthographic=camera.is_orthographic)
 
 
 def section_of(camera: SceneCamera, planes: np.ndarray, mapping: Mapping, height: int, width: int) -> Seen:
@@ -136,7 +140,9 @@ def errors(mapping: Mapping, seen: Seen, metric: str, warped: bool) -> np.ndarra
     delta = np.clip((z * (seen.slopes @ mapping.z_axis) - mapping.start) / mapping.mu, 0, 1)
     blend = (1 - delta) * eta + delta
     density_p, density_q = mapping.densities
-    e_p, e_q = theory.errors(blend, eta, density_p * mapping.mu / z, density_q * float(fit.left + fit.right) / z)
+    far_off = np.ones_like(z) if seen.is_orthographic else z
+    width = float(fit.left + fit.right)
+    e_p, e_q = theory.errors(blend, eta, density_p * mapping.mu / far_off, density_q * width / far_off)
     x = z * (seen.slopes @ mapping.x_axis) - mapping.axis
     depth = LightDepth(jnp.asarray(delta), jnp.asarray(1 - delta))
     sigma = jnp.abs(fit.shear(depth, jnp.asarray(x), jnp.asarray(eta))) * mapping.pixel_ratio / mapping.mu
@@ -153,7 +159,8 @@ def shading(seen: Seen, light: np.ndarray) -> np.ndarray:
     normal = np.cross(_step(points, 1), _step(points, 0))
     size = np.linalg.norm(normal, axis=-1, keepdims=True)
     normal = normal / np.where(size > 0, size, 1)
-    facing = np.where((normal * seen.slopes).sum(-1) > 0, -1, 1)
+    rays = np.array([0.0, 0.0, 1.0]) if seen.is_orthographic else seen.slopes
+    facing = np.where((normal * rays).sum(-1) > 0, -1, 1)
     lit = np.clip(-(normal @ light) * facing, 0, 1)
     # A little light from the eye keeps surfaces in shade readable.
     shade = 0.12 + 0.1 * np.abs(normal[..., 2]) + 0.78 * lit

@@ -26,7 +26,8 @@ class Compare(Configured):
         config, folder = read_compare_config(self.config, overrides), self.config.parent
         check_replaceable(config.output.directory)
         check_modules(config.rules, folder)
-        scene = read_scene(config, folder) if isinstance(config, SceneCompareConfig) else None
+        why = "rules are formulas of a perspective frustum"
+        scene = read_scene(config, folder, only_perspective=why) if isinstance(config, SceneCompareConfig) else None
         prepare_jax()
         own = own_rules(config.rules, folder)
         from .run import run_compare

@@ -23,7 +23,8 @@ class Frames(Configured):
 
         config = self.read(overrides)
         check_ray_caster()
-        scene = read_scene(config, self.config.parent, images=False)
+        why = "frames are of perspective images"
+        scene = read_scene(config, self.config.parent, images=False, only_perspective=why)
         check_casts(scene)
         prepare_jax()
         from .run import run_frames

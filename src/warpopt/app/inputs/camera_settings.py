@@ -22,6 +22,12 @@ def _vector(value: Any) -> Any:
     return tuple(float(v) for v in value)
 
 
+def _bound(value: Any) -> Any:
+    if not isinstance(value, list | tuple) or len(value) != 3 or not all(_is_number(v) and v == v for v in value):
+        raise ValueError("expected three numbers, which may be inf or -inf")
+    return tuple(float(v) for v in value)
+
+
 def _direction(value: Any) -> Any:
     value = _vector(value)
     if not any(value):
@@ -35,6 +41,8 @@ def _is_number(value: Any) -> bool:
 
 Triple = tuple[float, float, float]
 Vector = Annotated[Triple, pydantic.BeforeValidator(_vector)]
+_Endless = Annotated[float, pydantic.AllowInfNan(True)]
+Bound = Annotated[tuple[_Endless, _Endless, _Endless], pydantic.BeforeValidator(_bound)]
 Direction = Annotated[Triple, pydantic.BeforeValidator(_direction)]
 
 
@@ -125,6 +133,8 @@ class CameraConfig(NearFar):
     """Half the vertical field of view."""
     half_fov_x_deg: HalfFovDeg | None = None
     """Half the horizontal field of view, instead."""
+    half_height: Positive | None = None
+    """An orthographic camera, instead: half the height of its window, a length."""
     aspect: Positive | None = None
     """Width over height; by default that of objective.screen, or 1."""
     window: Four | None = None
@@ -143,7 +153,7 @@ class CameraConfig(NearFar):
     @pydantic.model_validator(mode="after")
     def _complete(self) -> "CameraConfig":
         exactly_one(self, ("position", "view_matrix"))
-        exactly_one(self, ("half_fov_deg", "half_fov_x_deg", "window", "fx"))
+        exactly_one(self, ("half_fov_deg", "half_fov_x_deg", "half_height", "window", "fx"))
         pinhole = {name: getattr(self, name) for name in ("fx", "fy", "cx", "cy")}
         if any(v is None for v in pinhole.values()) and any(v is not None for v in pinhole.values()):
             missing = ", ".join(name for name, value in pinhole.items() if value is None)
@@ -191,6 +201,9 @@ class CameraConfig(NearFar):
             assert self.cy is not None
             return pinhole_window(self.fx, self.fy, self.cx, self.cy, *size, first_centre=self.first_centre)
         aspect = self.aspect or default_aspect
+        if self.half_height is not None:
+            top = self.half_height
+            return -top * aspect, top * aspect, -top, top
         if self.half_fov_x_deg is not None:
             return centred_window_across(math.radians(self.half_fov_x_deg), aspect)
         assert self.half_fov_deg is not None  # exactly one of the three is given
@@ -210,11 +223,12 @@ class CameraConfig(NearFar):
         window, far = self._window(default_aspect, size), math.inf if self.far is None else self.far
         if self.view_matrix is None:
             rotation = orientation(self._forward(), np.array(self.up), handedness)
-            return SceneCamera(np.array(self.position), rotation, self.near, far, window)
+            return SceneCamera(np.array(self.position), rotation, self.near, far, window, self.half_height is not None)
         matrix = np.array(self.view_matrix, float)
         # The nearest rotation: the text has few digits, and the library expects full accuracy.
         u, _, v = np.linalg.svd(matrix[:3, :3])
         turn = u @ v
         side = 1 if self.looks_along == "+z" else -1
         position = -turn.T @ matrix[:3, 3]
-        return SceneCamera(position, np.stack([turn[0], turn[1], side * turn[2]]), self.near, far, window)
+        rotation = np.stack([turn[0], turn[1], side * turn[2]])
+        return SceneCamera(position, rotation, self.near, far, window, self.half_height is not None)

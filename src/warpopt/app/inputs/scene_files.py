@@ -31,7 +31,6 @@ class SceneInput:
         depths: an image (height, width) for each distinct camera, encoded as `encoding`; empty for other receivers.
         lit: a mask (height, width) for each distinct camera, true where the light reaches; empty if none are given.
         encoding: see `warpopt.receivers.DepthBuffer`.
-        casters: (N, 3) world points of shadow casters, if known beyond the receivers.
         triangles: (N, 3, 3) the surfaces, of scenes made of triangles.
         steps, lights: see `light_path`.
         notes: sentences for the user: parts of the files that were left out, and why an image is empty.
@@ -42,26 +41,28 @@ class SceneInput:
     depths: list[np.ndarray]
     lit: list[np.ndarray]
     encoding: Encoding
-    casters: np.ndarray | None
     triangles: np.ndarray | None
     steps: list[Step]
     lights: list[tuple[float, float, float]]
     notes: list[str]
 
 
-def read_scene(config: SceneSettings, folder: Path, images: bool = True) -> SceneInput:
+def read_scene(
+    config: SceneSettings, folder: Path, images: bool = True, only_perspective: str | None = None
+) -> SceneInput:
     """Read the files, relative to `folder`, and make the depth images.
 
     Args:
         config, folder: of the configuration.
         images: whether to rasterise triangles.
+        only_perspective: why orthographic cameras are refused; None if they are not.
 
     Raises:
         ConfigError: names the key, what was got and what was expected.
     """
     receivers, notes = config.receivers, []
     steps, lights = light_path(_light(config, folder), config.handedness)
-    depths, casters, triangles = [], None, None
+    depths, triangles = [], None
     from_seed = receivers.made and made_scene(receivers.made.scene, receivers.made.seed)
     if receivers.depth is not None:
         cameras, depths = _seen_in_files(config, receivers.depth, folder, notes)
@@ -76,6 +77,13 @@ def read_scene(config: SceneSettings, folder: Path, images: bool = True) -> Scen
         if config.camera_path is not None:
             cameras = _on_path(config, config.camera_path, folder, cameras)
         keys = [camera.key for camera in cameras]
+    parallel = [i for i, camera in enumerate(cameras) if camera.is_orthographic]
+    by_edges = "edges are found in a perspective image" if config.weights.by == "edges" else None
+    if parallel and (only_perspective or by_edges):
+        reason = only_perspective or by_edges
+        raise ConfigError(f"camera.{parallel[0]}: got an orthographic one, expected a perspective one: {reason}")
+    if parallel and not receivers.pixels:
+        notes.append("An orthographic camera's section through a body is not drawn.")
     lit = _masks(config, folder)
     if lit and len(lit) != len(cameras):
         raise ConfigError(f"weights.lit: got {len(lit)} for {len(cameras)} camera(s), expected one for each")
@@ -88,18 +96,14 @@ def read_scene(config: SceneSettings, folder: Path, images: bool = True) -> Scen
     made = receivers.gltf or receivers.landscape or receivers.made
     if made is not None:
         triangles = _triangles(config, folder, from_seed, notes)
-        casters = triangles.reshape(-1, 3)
         sizes = [(max(1, round(made.width / camera.aspect)), made.width) for camera in distinct]
         depths = [rasterise(triangles, camera, *size) for camera, size in zip(distinct, sizes, strict=True) if images]
-    elif receivers.box is not None:
-        lower, upper = receivers.box.lower, receivers.box.upper
-        casters = np.stack(np.meshgrid(*zip(lower, upper, strict=True)), -1).reshape(-1, 3)
     for i, (mask, depth) in enumerate(zip(lit, depths, strict=False)):
         if mask.shape != depth.shape:
             raise ConfigError(f"weights.lit: got {_size(mask)} pixels for camera.{i}, expected its {_size(depth)}")
     encoding = "linear" if receivers.depth is None else receivers.depth.encoding
     places = [order.index(key) for key in keys]
-    return SceneInput(distinct, places, depths, lit, encoding, casters, triangles, steps, lights, notes)
+    return SceneInput(distinct, places, depths, lit, encoding, triangles, steps, lights, notes)
 
 
 def _size(image: np.ndarray) -> str:
@@ -107,12 +111,12 @@ def _size(image: np.ndarray) -> str:
 
 
 def _masks(config: SceneSettings, folder: Path) -> list[np.ndarray]:
-    with _told_of("weights.lit"):
+    with told_of("weights.lit"):
         return [read_mask(folder / file) for file in config.weights.lit or ()]
 
 
 @contextlib.contextmanager
-def _told_of(key: str) -> Iterator[None]:
+def told_of(key: str) -> Iterator[None]:
     """Prefix a reader's error with the configuration's key."""
     try:
         yield
@@ -128,13 +132,13 @@ def _light(config: SceneSettings, folder: Path) -> SceneLight:
     if which is None:
         return config.light
     assert config.receivers.gltf is not None  # required by the settings
-    with _told_of("light.from_file"):
+    with told_of("light.from_file"):
         direction = read_light(folder / config.receivers.gltf.file, None if which is True else which)
     return SceneLight(direction=direction)
 
 
 def _camera(config: SceneSettings, i: int, size: tuple[int, int] | None) -> SceneCamera:
-    with _told_of(f"camera.{i}"):
+    with told_of(f"camera.{i}"):
         size = size or config.objective.screen
         return config.camera[i].scene_camera(config.handedness, config.default_aspect(), size)
 
@@ -147,7 +151,7 @@ def _triangles(config: SceneSettings, folder: Path, from_seed: MadeScene | None,
         return landscape(made.seed, made.size, made.relief, made.cells)
     gltf = config.receivers.gltf
     assert gltf is not None  # only called with glTF
-    with _told_of("receivers.gltf.file"):
+    with told_of("receivers.gltf.file"):
         found = read_geometry(folder / gltf.file, include=gltf.include, exclude=gltf.exclude)
     notes += (f"{gltf.file}: {note}" for note in found.report.notes())
     return found.triangles
@@ -156,16 +160,15 @@ def _triangles(config: SceneSettings, folder: Path, from_seed: MadeScene | None,
 def _gltf_camera(config: SceneSettings, path: Path) -> SceneCamera:
     gltf = config.receivers.gltf
     assert gltf is not None  # only called with glTF
-    with _told_of("receivers.gltf.camera"):
+    with told_of("receivers.gltf.camera"):
         return _lens(config, gltf, path, read_gltf_camera(path, gltf.camera))
 
 
 def _lens(config: SceneSettings, gltf: GltfReceivers, path: Path, found: GltfCamera) -> SceneCamera:
-    camera = found.scene_camera(config.default_aspect())
-    far = gltf.far or camera.far
-    if not camera.near < far:
-        raise ValueError(f"{path}: camera {found.name!r}: got far {far:g}, expected more than {camera.near:g}")
-    return dataclasses.replace(camera, far=float(far))
+    far = gltf.far or found.far
+    if not found.near < far:
+        raise ValueError(f"{path}: camera {found.name!r}: got far {far:g}, expected more than {found.near:g}")
+    return found.scene_camera(config.default_aspect(), far)
 
 
 def _on_path(
@@ -174,12 +177,12 @@ def _on_path(
     """A camera for each pose."""
     gltf = config.receivers.gltf
     if asked.file is not None:
-        with _told_of("camera_path.file"):
+        with told_of("camera_path.file"):
             return read_poses(folder / asked.file, cameras[0], config.handedness)
     assert gltf is not None  # required by the settings, as is an animation
     assert asked.animation is not None
     path = folder / gltf.file
-    with _told_of("camera_path.animation"):
+    with told_of("camera_path.animation"):
         found = read_gltf_path(path, gltf.camera, asked.animation, asked.rate or 30.0)
         return [_lens(config, gltf, path, each) for each in found]
 
@@ -191,7 +194,7 @@ def _seen_in_files(
     cameras, depths = [], []
     for i, file in enumerate(asked.files):
         path, key = folder / file, f"receivers.depth.files.{i}"
-        with _told_of(key):
+        with told_of(key):
             values, there = read_values(path, channel=asked.channel, part=asked.part, key=asked.key)
         height, width = values.shape
         if asked.size is not None and (width, height) != tuple(asked.size):
@@ -205,10 +208,11 @@ def _seen_in_files(
                 f"{key}: {path}: got {width} x {height} pixels, expected width / height = {camera.aspect:g}, the "
                 f"aspect of camera.{i}"
             )
-        with _told_of(f"{key}: {path}"):
+        with told_of(f"{key}: {path}"):
             image = decoded_image(
                 values, there, encoding=asked.encoding, scale=asked.scale, background=asked.background,
-                far=camera.far, nan_is_background=asked.nan_is_background, rows=asked.rows, distance=asked.distance,
+                far=camera.far, nan_is_background=asked.nan_is_background, rows=asked.rows,
+                distance="planar" if camera.is_orthographic else asked.distance,  # the same along parallel rays
                 window=camera.window,
             )  # fmt: skip
         blank = image.why_blank()

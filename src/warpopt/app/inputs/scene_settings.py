@@ -13,7 +13,7 @@ from warpopt.objective import METRICS, MOST_MOMENTS, Measure, Objective
 
 from ...scene_files.scene_camera import orientation
 from ..common.settings import Distinct, FileName, Norm, Positive, Section, listed, read_data, validated
-from .camera_settings import CameraConfig, CameraPath, Direction, Four, Resolution, Triple, Vector, exactly_one
+from .camera_settings import Bound, CameraConfig, CameraPath, Direction, Four, Resolution, Triple, exactly_one
 
 _PIXELS = "a depth image, glTF, a landscape or a made scene"
 Index = Annotated[int, Field(ge=0)]
@@ -94,8 +94,8 @@ class FrustumReceivers(Section):
 class BoxReceivers(Section):
     """The part of an axis-parallel box in the view frustum."""
 
-    lower: Vector
-    upper: Vector
+    lower: Bound
+    upper: Bound
 
     @pydantic.field_validator("upper")
     @classmethod
@@ -271,10 +271,11 @@ class WeightSettings(Section):
 class WarpSettings(Section):
     """The direction of the warp, the aspect of its map, and where its axis is across the warp."""
 
-    direction: Literal["view", "gradient", "middle", "best"] | Direction | None = None
-    """The view direction; where the receivers' depth rises; the middle vector of SC; the one of least error; or a
-    world vector. By default "best" with edge and band, whose error predicts wrong pixels, and "view" with the others.
-    E_p, E_q and their maximum do not compare directions: with them "best" is refused."""
+    direction: Literal["view", "gradient", "middle", "best", "steady"] | Direction | None = None
+    """The view direction; where the receivers' depth rises; the middle vector of SC; the one of least error; the view's
+    or, where no warp is better, the screen's rows or columns; or a world vector. By default "best" with edge and band,
+    whose error predicts wrong pixels, and "view" with the others. E_p, E_q and their maximum do not compare directions:
+    with them "best" is refused."""
     turn_only_if: Annotated[float, Field(ge=1)] = 1.1
     """With "best", the gain in the error below which the map is warped along the view."""
     aspect: Literal["best"] | Positive = 1.0
@@ -283,11 +284,11 @@ class WarpSettings(Section):
     lateral: Literal["eye", "free"] = "eye"
     """free: the axis with the narrowest map, for maxima and products of E_p and E_q."""
 
-    def direction_of(self, objective: Objective) -> str | Triple:
-        """The direction for an objective."""
+    def direction_of(self, objective: Objective, is_orthographic: bool) -> str | Triple:
+        """The direction for an objective and a camera."""
         if self.direction is not None:
             return self.direction
-        return "best" if objective.kernel in ("edge", "band") else "view"
+        return "best" if objective.kernel in ("edge", "band") and not is_orthographic else "view"
 
 
 class SceneSettings(Section):
@@ -378,11 +379,12 @@ class SceneSettings(Section):
 
 
 def read_settings(path: Path) -> SceneSettings:
-    """The scene of a TOML file of `warpopt scene`, without its [output].
+    """The scene of a TOML file of `warpopt scene`, without its [output] and [casters].
 
     Raises:
         ConfigError: a file that is missing or not TOML, or invalid settings; a line for each error.
     """
     data = read_data(path, [])
-    data.pop("output", None)
+    for own in ("output", "casters"):  # of that command's matrices
+        data.pop(own, None)
     return validated(SceneSettings, data, str(path))

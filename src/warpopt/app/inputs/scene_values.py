@@ -11,7 +11,7 @@ from warpopt.theory.camera import camera_of
 
 from ..common.settings import ConfigError
 from .scene_files import SceneInput
-from .scene_settings import SceneSettings
+from .scene_settings import BoxReceivers, SceneSettings
 
 
 def buffer_of(scene: SceneInput, i: int) -> DepthBuffer | None:
@@ -31,11 +31,16 @@ def weighted(config: SceneSettings, scene: SceneInput, i: int) -> DepthBuffer | 
     return DepthBuffer(scene.depths[i], scene.encoding, config.weights.by, lit)
 
 
+def box_of(asked: BoxReceivers) -> ConvexBody:
+    """The box of its settings."""
+    return ConvexBody.box(asked.lower, asked.upper)
+
+
 def body_of(config: SceneSettings) -> ConvexBody | None:
     """The box or the half-spaces, if they are the receivers."""
     asked = config.receivers
     if asked.box is not None:
-        return ConvexBody.box(asked.box.lower, asked.box.upper)
+        return box_of(asked.box)
     return None if asked.planes is None else ConvexBody(np.array(asked.planes.planes))
 
 
@@ -62,7 +67,7 @@ def views_of(config: SceneSettings, scene: SceneInput, objective: Objective | No
         try:
             view = warpopt.SceneView(
                 camera, lights, receivers, screen=config.objective.screen, shadow_map=config.objective.shadow_map,
-                warp_direction=config.warp.direction_of(objective), map_aspect=config.warp.aspect,
+                warp_direction=config.warp.direction_of(objective, seen.is_orthographic), map_aspect=config.warp.aspect,
                 lateral=config.warp.lateral, turn_only_if=config.warp.turn_only_if,
             )  # fmt: skip
         except ValueError as error:  # a vector along one of the lights

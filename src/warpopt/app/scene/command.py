@@ -19,10 +19,13 @@ class Scene(Configured):
 
     def answer(self, overrides: list[str]) -> int:
         from ..inputs.scene_files import read_scene
+        from .casters import caster_shape
 
         config = self.read(overrides)
-        scene = read_scene(config, self.config.parent)
+        why = "a stable window follows a perspective view" if config.stable is not None else None
+        scene = read_scene(config, self.config.parent, only_perspective=why)
+        casters = caster_shape(config.casters, config, scene, self.config.parent)
         prepare_jax()
         from .run import run_scene
 
-        return run_scene(config, scene)
+        return run_scene(config, scene, casters)

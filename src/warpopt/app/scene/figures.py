@@ -54,6 +54,8 @@ def write_scene_figures(
     shown_places = {places[i] for i in np.linspace(0, len(places) - 1, count).round().astype(int)} if places else set()
     chosen = [s for s in drawable if (s.camera, s.light) in shown_places][:MOST_MAPS]
     for s in chosen:
+        if scene.cameras[s.camera].is_orthographic and not config.receivers.pixels:
+            continue  # a section is drawn over log z and slopes
         seen = seen_of(config, scene, s)
         if not np.isfinite(seen.depth).any():
             continue  # a body between two pixels' centres

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -20,6 +21,7 @@ from ..common.record import (
     write_mark,
 )
 from ..inputs.scene_files import SceneInput
+from ..inputs.scene_settings import BoxReceivers
 from .report import scene_report, short
 from .settings import SceneConfig
 from .solve import Solved, solve_scene
@@ -43,7 +45,9 @@ _SHOWN = {
 _MOST_SHOWN = 24  # problems shown in the terminal; the report has all
 
 
-def run_scene(config: SceneConfig, scene: SceneInput, console: Console | None = None) -> int:
+def run_scene(
+    config: SceneConfig, scene: SceneInput, casters: np.ndarray | BoxReceivers | None, console: Console | None = None
+) -> int:
     """Solve, write, summarise; returns 0 if every problem was solved, otherwise 1.
 
     Raises:
@@ -56,13 +60,13 @@ def run_scene(config: SceneConfig, scene: SceneInput, console: Console | None = 
     with whole_folder(config.output.directory) as folder, progress_bar(console, count) as progress:
         timings = {}
         with timed(timings, "solve_s"):
-            solved = solve_scene(config, scene, progress)
+            solved = solve_scene(config, scene, casters, progress)
         with timed(timings, "figures_s"):
             figures = _figures(config, scene, solved, folder) if config.output.figures and solved else []
         rows = []
         if config.stable is not None:
             with timed(timings, "stable_s"):
-                rows = followed(config, scene, progress)
+                rows = followed(config, scene, casters, progress)
             write_csv(folder / "window.csv", COLUMNS, ([_text(row[name]) for name in COLUMNS] for row in rows))
         write_json(folder / "scene.json", _scene_record(config, scene, solved, rows))
         write_scene_table(solved, folder / "table.csv")
@@ -117,6 +121,7 @@ def _scene_record(
                 "near": camera.near,
                 "far": finite_or_none(camera.far),
                 "window": list(camera.window),
+                "projection": "orthographic" if camera.is_orthographic else "perspective",
             }
             for camera in scene.cameras
         ],

@@ -8,6 +8,7 @@ from pydantic import Field
 from ..common.settings import FileName, Section
 from ..inputs.camera_settings import Four
 from ..inputs.scene_settings import SceneSettings
+from .casters import CasterSettings
 
 _TABLES = ("receivers", "objective", "weights")
 
@@ -43,8 +44,16 @@ class StableSettings(Section):
 class SceneConfig(SceneSettings):
     """One run of `warpopt scene`. Paths of scene files are relative to the TOML file."""
 
+    casters: CasterSettings = CasterSettings()
     stable: StableSettings | None = None
     output: SceneOutput
+
+    @pydantic.model_validator(mode="after")
+    def _casters_known(self) -> "SceneConfig":
+        asked = self.casters.gltf
+        if asked is not None and asked.file is None and self.receivers.gltf is None:
+            raise ValueError("casters.gltf.file: missing, expected a glTF file (without receivers.gltf)")
+        return self
 
     @pydantic.model_validator(mode="after")
     def _in_pixels(self) -> "SceneConfig":

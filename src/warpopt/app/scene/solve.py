@@ -14,12 +14,17 @@ import warpopt
 from warpopt._checks import trusted
 from warpopt.objective import Objective
 from warpopt.receivers.footprint import LateralFit
+from warpopt.render.casters import Casters, casters_of
+from warpopt.render.map_depth import DepthCells, MapDepth, depth_cells
+from warpopt.render.shadow_matrix import matrix_and_depth, refuse_no_depth
 
 from ..common.error_maps import Mapping
 from ..common.of_objective import OfObjective
 from ..common.record import finite_or_none
 from ..inputs.scene_files import SceneInput
-from ..inputs.scene_values import under_light, views_of
+from ..inputs.scene_settings import BoxReceivers
+from ..inputs.scene_values import box_of, under_light, views_of
+from .depth_numbers import depth_numbers
 from .settings import SceneConfig
 
 _TOGETHER = 64  # lights in one batch
@@ -52,19 +57,23 @@ class Solved(OfObjective):
         return f"{camera}light {self.light}, {self.objective.title}"
 
 
-def solve_scene(config: SceneConfig, scene: SceneInput, progress: Callable[[str], None]) -> list[Solved]:
-    """Every requested metric and norm, over every distinct camera and light."""
+def solve_scene(
+    config: SceneConfig, scene: SceneInput, casters: np.ndarray | BoxReceivers | None, progress: Callable[[str], None]
+) -> list[Solved]:
+    """Every requested metric and norm, over every distinct camera and light, with what `caster_shape` found."""
     if not scene.lights:
         return []
-    casters = None if scene.casters is None else jax.numpy.asarray(scene.casters)  # copied to the device once
+    # Copied to the device once.
+    shape = box_of(casters) if isinstance(casters, BoxReceivers) else casters_of(casters)
     solved = []
     for objective in config.objective.objectives():
         views = views_of(config, scene, objective)
         for i, view in enumerate(views):
-            found = jax.device_get(_over_lights(view, casters, objective, clip_space(config), config.objective.min_eta))
+            found = jax.device_get(_over_lights(view, shape, objective, clip_space(config), config.objective.min_eta))
             for k, direction in enumerate(scene.lights):
                 one = jax.tree.map(lambda v, k=k: v[k], found)
                 problem = _solved(one, (i, k), list(direction), objective, len(views) == 1)
+                problem.row["depth"] = _depth(one, config)
                 problem.row.update(_limit(under_light(view, k), objective, problem.row["value"]))
                 solved.append(problem)
                 progress(problem.title)
@@ -77,6 +86,8 @@ class _Found:
 
     solution: "warpopt.SceneSolution"
     matrix: ArrayLike
+    depth: MapDepth
+    cells: DepthCells
     lam: ArrayLike
     lam_over_mu: ArrayLike
     turn: ArrayLike
@@ -89,7 +100,7 @@ jax.tree_util.register_dataclass(_Found)
 
 @functools.partial(jax.jit, static_argnames=("objective", "convention", "min_eta"))
 def _over_lights(
-    view: "warpopt.SceneView", casters: jax.Array | None, objective: Objective, convention: "warpopt.ClipSpace",
+    view: "warpopt.SceneView", casters: Casters | None, objective: Objective, convention: "warpopt.ClipSpace",
     min_eta: float,
 ) -> _Found:  # fmt: skip
     """Every light of a view."""
@@ -99,10 +110,11 @@ def _over_lights(
             seen = eqx.tree_at(lambda v: v.light, view, light)
             seen = seen if seen.searched else seen.reduced(objective)
             solution = warpopt.optimal_warp(seen, objective, min_eta=min_eta, throw=False)
-            matrix = warpopt.shadow_matrix(seen, solution, convention, casters=casters)
+            matrix, depth = matrix_and_depth(seen, solution, convention, casters=casters)
         warp = solution.warp
+        cells = depth_cells(depth, solution.footprint, warp.eta, solution.frame.texels)
         warped, plain = (solution.footprint.lateral_fit(eta) for eta in (warp.eta, jax.numpy.ones_like(warp.eta)))
-        return _Found(solution, matrix, warp.lam, warp.lam_over_mu, _turn(view, solution), warped, plain)
+        return _Found(solution, matrix, depth, cells, warp.lam, warp.lam_over_mu, _turn(view, solution), warped, plain)
 
     together = 1 if view.receivers.one_at_a_time else _TOGETHER
     return jax.lax.map(one, view.light, batch_size=min(together, len(view.light.direction)))
@@ -125,11 +137,28 @@ def clip_space(config: SceneConfig) -> "warpopt.ClipSpace":
 def _limit(view: "warpopt.SceneView", objective: Objective, value: float | None) -> dict[str, Any]:
     """The part of a problem's row about the lower bound."""
     least, reason = None, objective.no_bound_because
+    if view.camera.is_orthographic:
+        reason = "No lower bound is known for an orthographic camera."
     if reason is None:
         least = warpopt.lower_bound(view, objective)
         reason = None if least > 0 else "There are no receivers, or all are at one depth: the limit is 0."
     over_limit = value / least if least and value is not None else None
     return {"limit": least, "over_limit": over_limit, "no_limit_because": reason}
+
+
+def _why_none(depth: MapDepth) -> str:
+    try:
+        refuse_no_depth(depth.extent)
+    except ValueError as error:
+        return str(error)
+    return "The matrix is not finite."
+
+
+def _depth(found: _Found, config: SceneConfig) -> dict[str, Any] | None:
+    """The map's depth as numbers; None without a matrix."""
+    if not np.isfinite(found.matrix).all() or not np.any(found.cells.there):
+        return None
+    return depth_numbers(found.depth, found.cells, config.output.reversed_z, config.objective.shadow_map is not None)
 
 
 def _solved(found: _Found, place: tuple[int, int], direction: list[float], objective: Objective, alone: bool) -> Solved:
@@ -138,7 +167,7 @@ def _solved(found: _Found, place: tuple[int, int], direction: list[float], objec
     mapping = Mapping.of(solution, found.warped, found.plain)
     there = outcome is not warpopt.Outcome.empty  # an empty scene has no warp and no matrix
     usable = there and bool(np.isfinite(matrix).all())
-    reason = None if usable else outcome.sentence if not (there and outcome.succeeded) else "The matrix is not finite."
+    reason = None if usable else outcome.sentence if not (there and outcome.succeeded) else _why_none(found.depth)
     row = {
         "camera": place[0],
         "light": place[1],

@@ -12,7 +12,9 @@ from warpopt.theory.camera import camera_of
 from ..common.record import finite_or_none
 from ..common.settings import ConfigError
 from ..inputs.scene_files import SceneInput
+from ..inputs.scene_settings import BoxReceivers
 from ..inputs.scene_values import receivers_of
+from .casters import points_of
 from .settings import SceneConfig
 from .solve import clip_space
 
@@ -38,15 +40,17 @@ def courses(config: SceneConfig, scene: SceneInput) -> list[list[tuple[int, int]
     return [list(zip(cameras, lights * (1 if len(lights) > 1 else len(cameras)), strict=True))] if lights else []
 
 
-def followed(config: SceneConfig, scene: SceneInput, progress: Callable[[str], None]) -> list[dict[str, Any]]:
-    """A row for each frame of each path, for the first objective."""
+def followed(
+    config: SceneConfig, scene: SceneInput, casters: np.ndarray | BoxReceivers | None, progress: Callable[[str], None]
+) -> list[dict[str, Any]]:
+    """A row for each frame of each path, for the first objective, with what `caster_shape` found."""
     asked, objective = config.stable, config.objective.objectives()[0]
     assert asked is not None  # only called with [stable]
     assert config.objective.shadow_map is not None  # required by the settings
     assert config.objective.screen is not None
     window = warpopt.StableWindow(
         margin=asked.margin, tolerance=asked.tolerance, objective=objective, scroll=asked.scroll, anchor=asked.anchor,
-        ahead=asked.ahead, check_every=asked.check_every, warp_direction=config.warp.direction_of(objective),
+        ahead=asked.ahead, check_every=asked.check_every, warp_direction=config.warp.direction_of(objective, False),
         map_aspect=config.warp.aspect, lateral=config.warp.lateral, turn_only_if=config.warp.turn_only_if,
         shadow_map=config.objective.shadow_map, screen=config.objective.screen, clip_space=clip_space(config),
     )  # fmt: skip
@@ -56,7 +60,7 @@ def followed(config: SceneConfig, scene: SceneInput, progress: Callable[[str], N
         for frame, (camera, light) in enumerate(course):
             update, state = window.update(
                 state, camera_of(scene.cameras[camera]), warpopt.DirectionalLight(scene.lights[light]),
-                receivers_of(config, scene, camera), casters=scene.casters,
+                receivers_of(config, scene, camera), casters=points_of(casters),
             )  # fmt: skip
             rows.append(_row(update, state, path, frame, camera, light))
             progress(f"stable window, frame {frame + 1} of {len(course)}")

@@ -49,6 +49,7 @@ class ConvexBody(Receivers):
 
     measures = ("screen", "volume", "log_depth", "ground")
     weighted = False
+    any_projection = True
 
     planes: Float[Array, "K 4"]
 
@@ -65,16 +66,17 @@ class ConvexBody(Receivers):
     def box(cls, lower: Numbers, upper: Numbers) -> "ConvexBody":
         """The axis-parallel box between two world points (3,), which may be infinite.
 
-        A box with lower > upper anywhere, such as the bounds of no objects (inf to -inf), is empty.
+        For no objects, whose bounds are none, pass no points: `PointReceivers(np.zeros((0, 3)))`.
 
         Raises:
-            ValueError: for a wrong shape or NaN.
+            ValueError: for a wrong shape, NaN, or lower > upper.
         """
         lower, upper = float_arrays(lower=lower, upper=upper)
         for name, value in (("lower", lower), ("upper", upper)):
             if value.shape != (3,):
                 raise ValueError(f"{name}: got shape {value.shape}, expected (3,)")
             checked(name, value, lambda v: v == v, "numbers")
+        upper = checked("upper", upper, lambda v, lower: v >= lower, "numbers >= those of lower", lower)
         reach = _reach(lower.dtype)
         lower, upper = (jnp.clip(value, -reach, reach) for value in (lower, upper))
         eye = jnp.eye(3, dtype=lower.dtype)
@@ -88,7 +90,7 @@ class ConvexBody(Receivers):
         footprint = footprint.lost_where(endless | _beyond_reach(vertices, valid))
         if objective.supremum:
             return footprint
-        return footprint.with_moments(*_moments(planes, vertices, valid, frame, footprint, objective))
+        return footprint.with_moments(*moments_of_body(planes, vertices, valid, frame, footprint, objective))
 
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """See `Receivers`."""
@@ -158,8 +160,11 @@ def _vertices(camera: Camera, body: ConvexBody) -> tuple[Array, Array, Array]:
     return vertices, valid, endless | _beyond_reach(vertices, valid)
 
 
-def _moments(planes, vertices, valid, frame, footprint: Footprint, objective: Objective):
+def moments_of_body(planes, vertices, valid, frame, footprint: Footprint, objective: Objective):
     """(moments, unit) over the body; every term is positive."""
+    # Parallel rays: errors do not depend on z, and every measure that is left is the volume.
+    flat_view = frame.is_orthographic
+    decay = 0 if flat_view else objective.metric.depth_power * objective.order
     thick, vertices, valid = thickened(planes, vertices, valid)
     z = jnp.where(valid, vertices[:, 2], jnp.nan)
     first = jnp.where(valid.any(), jnp.nanmin(jnp.where(valid, z, jnp.inf)), 1)
@@ -175,12 +180,12 @@ def _moments(planes, vertices, valid, frame, footprint: Footprint, objective: Ob
     delta, rest, area = jax.vmap(
         functools.partial(_slice, thick, frame, footprint, first, round(objective.blend_degree))
     )(log_z)
-    growth = 3 - DENSITY_EXPONENT[objective.measure]
+    growth = 3 - (0 if flat_view else DENSITY_EXPONENT[objective.measure])
     area = area * (weight_z * jnp.exp(growth * log_z))[:, None]
-    weighted = area * jnp.exp(-objective.metric.depth_power * objective.order * log_z)[:, None]
+    weighted = area * jnp.exp(-decay * log_z)[:, None]
     M = round(objective.blend_degree)
     sums = [(weighted * rest ** (M - j) * delta**j).sum() for j in range(M + 1)]
-    return binomial_moments(sums, area.sum(), objective), first
+    return binomial_moments(sums, area.sum(), objective), jnp.ones_like(first) if flat_view else first
 
 
 def _slice(planes, frame: LightFrame, footprint: Footprint, unit: Array, degree: int, log_z: Array):

@@ -38,6 +38,7 @@ class GroundPlane(Receivers):
     """
 
     measures = ()
+    any_projection = True
     weighted = False
 
     normal: Float[Array, "3"]

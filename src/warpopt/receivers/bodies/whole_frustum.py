@@ -10,12 +10,14 @@ from ...objective import DENSITY_EXPONENT, Measure, Objective
 from ...theory.camera import Camera, DirectionalLight
 from ...theory.light_frame import LightFrame
 from ...theory.light_space import LightDepth
+from ..bins import from_groups, singles
 from ..footprint import Footprint, Nearest, Sides, axis_inside, range_of
 from ..profiles.axis import AxisProfile
 from ..profiles.hulls import BodyProfile, slab
 from ..profiles.nearness import over_body
 from ..profiles.slices import Solid
 from ..receivers import EVERY_MEASURE, Receivers
+from .convex_body import moments_of_body
 from .frustum_moments import segment_moments
 
 
@@ -31,6 +33,7 @@ class WholeFrustum(Receivers):
 
     measures = EVERY_MEASURE
     weighted = False
+    any_projection = True
 
     def check(self, camera: Camera, light: DirectionalLight, objective: Objective | None) -> None:
         """See `Receivers`.
@@ -47,6 +50,8 @@ class WholeFrustum(Receivers):
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`. All lengths are sums of non-negative terms, so depths near 0 or 1 stay accurate."""
+        if camera.is_orthographic:
+            return _box(camera, frame, objective)
         n, f = camera.near, camera.far
         edges = camera.corner_slopes()
         slopes, across, along = frame.depth(edges), frame.lateral(edges), frame.along_light(edges)
@@ -100,7 +105,7 @@ class WholeFrustum(Receivers):
 
     def places(self, camera: Camera) -> tuple[Float[Array, "N 3"], Float[Array, " N"]]:
         """See `Receivers`: the corners."""
-        corners = (camera.corner_slopes() * jnp.stack([camera.near, camera.far])[:, None, None]).reshape(-1, 3)
+        corners = camera.corners()
         return corners, jnp.ones_like(corners[:, 0])
 
     def depth_profile(
@@ -111,6 +116,16 @@ class WholeFrustum(Receivers):
             return AxisProfile(camera, frame)
         solid = Solid.uniform(camera.planes(), DENSITY_EXPONENT[objective.measure])
         return BodyProfile([slab(camera.corner_slopes(), camera.near, camera.far)], solid, camera, frame)
+
+
+def _box(camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
+    """What an orthographic camera sees."""
+    corners, there = camera.corners(), jnp.ones(8, bool)
+    footprint = from_groups(singles(there, corners, frame), camera.near, grouped=False)
+    if not objective.supremum:
+        moments = moments_of_body(camera.planes(), corners, there, frame, footprint, objective)
+        footprint = footprint.with_moments(*moments)
+    return footprint.lost_where(jnp.isinf(camera.far))
 
 
 def window_nodes(camera: Camera, measure: Measure, degree: int) -> tuple[Array, Array]:

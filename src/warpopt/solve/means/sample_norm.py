@@ -218,7 +218,7 @@ class SampleNorm(eqx.Module):
         eta = jnp.exp(u)
         width = self._width(eta, active.right, active.left)
         if self.kernel == "band":
-            nothing = [jnp.zeros(())] * len(self.parts)
+            nothing = [jnp.zeros_like(eta)] * len(self.parts)
             return self._sum(eta, width, nothing, nothing)
         e_p, sigma, e_q = self._texels(eta, width)
         column = e_p if self.kernel == "max" else e_p * jnp.sqrt(1 + sigma * sigma)

@@ -1,0 +1,151 @@
+"""Orthographic cameras: z is a constant in the errors. Against perspective cameras moved away, and sums over points."""
+
+import jax
+import numpy as np
+import pytest
+
+import warpopt
+from warpopt import Camera, DirectionalLight, Objective, Outcome, SceneView, optimal_warp
+from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, PointReceivers, WholeFrustum
+
+POSE = (0.0, 40.0, 0.0), (0.2, -0.7, -1.0), (0.0, 1.0, 0.0)
+CAMERA = Camera.orthographic(*POSE, near=1.0, far=120.0, half_height=20.0, aspect=1.5)
+LIGHT = DirectionalLight((0.4, -1.0, 0.3))
+
+
+def seen_points(count=200, seed=1):
+    """World points that the camera sees, more of them far along the light plane."""
+    rng = np.random.default_rng(seed)
+    eye = np.c_[
+        rng.uniform(-30, 30, count), rng.uniform(-20, 20, count) * rng.random(count), rng.uniform(1, 120, count)
+    ]
+    return eye @ np.asarray(CAMERA.rotation) + np.asarray(CAMERA.position)
+
+
+@pytest.mark.parametrize(
+    ("receivers", "metric"),
+    [(WholeFrustum(), "p"), (ConvexBody.box((-9, -2, -60), (9, 3, -5)), "q"), (PointReceivers(seen_points()), "p")],
+    ids=lambda v: type(v).__name__,
+)
+def test_every_maximum_is_least_without_a_warp(receivers, metric):
+    """E_p = rho mu A^2/eta is largest at A = 1, whatever eta: no warp. Its value: mu and width over the window's."""
+    solution = optimal_warp(SceneView(CAMERA, LIGHT, receivers), Objective(metric))
+    assert Outcome(int(solution.result)) == Outcome.no_warp
+    assert float(solution.warp.eta) == 1
+    size = solution.footprint.mu if metric == "p" else sum(solution.footprint.half_widths(np.float64(1)))
+    assert float(solution.value) == pytest.approx(float(size) / 20, rel=1e-12)  # a screen 2 high
+
+
+def test_moved_away_perspective_cameras_tend_to_it():
+    """The gain of a warp is at most 1 + (4/3)(z_max/z_min - 1), and the errors tend to the orthographic ones."""
+    eye = (seen_points() - np.asarray(CAMERA.position)) @ np.asarray(CAMERA.rotation).T
+    forward = np.asarray(CAMERA.rotation)[2]
+    exact = {
+        m: float(optimal_warp(SceneView(CAMERA, LIGHT, PointReceivers(seen_points())), Objective(m)).value)
+        for m in "pq"
+    }
+    for distance in (100.0, 1e3, 1e5):
+        z = eye[:, 2] + distance
+        for metric in "pq":
+            place = np.asarray(CAMERA.position) - distance * forward
+            near, far, slope = z.min() * 0.99, z.max() * 1.01, 20 / distance
+            camera = Camera(place, POSE[1], POSE[2], near, far, np.arctan(slope * 1.2), 1.5)
+            solution = optimal_warp(SceneView(camera, LIGHT, PointReceivers(seen_points())), Objective(metric))
+            gain = float(solution.unwarped / solution.value)
+            assert 1 - 1e-12 <= gain <= 1 + 4 / 3 * (z.max() / z.min() - 1)
+            # Its window is 1.2 times as high at that distance, so that it sees every point.
+            assert float(solution.value) * 1.2 == pytest.approx(exact[metric], rel=2 * (z.max() / z.min() - 1))
+
+
+@pytest.mark.parametrize(("metric", "norm"), [("p", "l2"), ("pxq", "l1")])
+def test_means_are_of_the_receivers_along_the_warp_alone(metric, norm):
+    """Sums over points by hand, z^0: the optimum of a grid of eta, and the norm there."""
+    view, objective = SceneView(CAMERA, LIGHT, PointReceivers(seen_points())), Objective(metric, norm)
+    solution = optimal_warp(view, objective)
+    eye = (seen_points() - np.asarray(CAMERA.position)) @ np.asarray(CAMERA.rotation).T
+    d, x = eye @ np.asarray(solution.frame.z_axis), eye @ np.asarray(solution.frame.x_axis)
+    delta, mu, order = (d - d.min()) / np.ptp(d), np.ptp(d), objective.order
+    axis = np.clip(0, x.min(), x.max())
+
+    def norm_of(eta):
+        blend = eta + (1 - eta) * delta
+        width = ((x - axis) / blend).max() + ((axis - x) / blend).max()
+        e = mu * blend**2 / eta / 20 * (width * blend / 20 if metric == "pxq" else 1)
+        return (e**order).mean() ** (1 / order)
+
+    assert float(solution.value) == pytest.approx(norm_of(float(solution.warp.eta)), rel=1e-9)
+    assert float(solution.value) <= min(map(norm_of, np.geomspace(1e-3, 1, 400))) * (1 + 1e-9)
+
+
+def test_means_over_bodies_are_those_of_many_points():
+    """Moments of the whole view, and of a body that is all of it, against a regular grid in it."""
+    n = 12
+    grid = (np.stack(np.meshgrid(*(np.arange(n),) * 3), -1).reshape(-1, 3) + 0.5) / n
+    points = (grid * [60, 40, 119] + [-30, -20, 1]) @ np.asarray(CAMERA.rotation) + np.asarray(CAMERA.position)
+    whole, body, many = (
+        float(optimal_warp(SceneView(CAMERA, LIGHT, receivers), Objective("p", "l2")).value)
+        for receivers in (WholeFrustum(), ConvexBody.box((-999,) * 3, (999,) * 3), PointReceivers(points))
+    )
+    assert body == pytest.approx(whole, rel=1e-9)
+    assert many == pytest.approx(whole, rel=1.5 / n)  # the grid lacks half a cell at each end
+
+
+def test_depth_buffers_are_linear():
+    """Eye depth, and both encodings, which parallel rays leave linear: the same points, from each pixel's centre."""
+    rng = np.random.default_rng(0)
+    z = rng.uniform(5, 110, (6, 9))
+    z[0] = 0  # background
+    across, up = (np.arange(9) + 0.5) / 9 * 60 - 30, 20 - (np.arange(6) + 0.5) / 6 * 40
+    eye = np.stack(np.broadcast_arrays(across, up[:, None], z), -1)[1:].reshape(-1, 3)
+    points = PointReceivers(eye @ np.asarray(CAMERA.rotation) + np.asarray(CAMERA.position))
+    objective = Objective("p", "l2")
+    expected = optimal_warp(SceneView(CAMERA, LIGHT, points), objective)
+    found = optimal_warp(SceneView(CAMERA, LIGHT, DepthBuffer(z)), objective)
+    assert float(found.value) == pytest.approx(float(expected.value), rel=1e-9)
+    assert float(found.warp.eta) == pytest.approx(float(expected.warp.eta), rel=1e-9)
+    share = np.where(z > 0, (z - 1) / 119, 1)
+    for buffer in (DepthBuffer(share, "standard"), DepthBuffer(1 - share, "reversed")):
+        np.testing.assert_allclose(buffer.eye_depth(CAMERA), np.where(z > 0, z, np.inf), rtol=1e-12)
+
+
+def test_derivatives_and_single_precision():
+    def value(direction):
+        view = SceneView(CAMERA, DirectionalLight(direction), PointReceivers(seen_points()))
+        return optimal_warp(view, Objective("p", "l2"), throw=False).value
+
+    at, step = np.array([0.4, -1.0, 0.3]), np.array([1e-5, 0, 0])
+    _, slope = jax.jvp(value, (at,), (np.array([1.0, 0, 0]),))
+    assert float(slope) == pytest.approx(float(value(at + step) - value(at - step)) / 2e-5, rel=1e-5)
+    single = jax.tree.map(lambda v: np.asarray(v, np.float32), CAMERA)
+    view = SceneView(single, DirectionalLight(np.float32(at)), PointReceivers(seen_points().astype(np.float32)))
+    found = jax.eval_shape(lambda v: optimal_warp(v, Objective("pxq", "l1"), throw=False), view)
+    assert {v.dtype for v in jax.tree.leaves(found) if np.issubdtype(v.dtype, np.floating)} == {np.dtype(np.float32)}
+
+
+def test_what_it_does_not_serve_is_refused():
+    box = ConvexBody.box((-9, -2, -60), (9, 3, -5))
+    view = SceneView(CAMERA, LIGHT, box)
+    for action, words in (
+        (
+            lambda: SceneView(CAMERA, LIGHT, DepthHistogram([1.0, 9.0], [1.0])),
+            "camera: got an orthographic one with Dep",
+        ),
+        (
+            lambda: SceneView(CAMERA, LIGHT, box, warp_direction="gradient"),
+            "warp_direction: got 'gradient' with an ortho",
+        ),
+        (lambda: optimal_warp(view, Objective("p", "l2", "ground")), "measure: got 'ground' with an orthographic"),
+        (lambda: warpopt.lower_bound(view), "camera: got an orthographic one, expected a perspective one"),
+        (lambda: warpopt.lower_bound_map(view), "camera: got an orthographic one, expected a perspective one"),
+        (
+            lambda: warpopt.compare_rules(view, ["lispsm"]),
+            "camera: got an orthographic one, expected a perspective one",
+        ),
+        (
+            lambda: Camera.orthographic(*POSE, 1.0, 9.0, half_height=0.0),
+            "half_height: got 0.0, expected a finite number",
+        ),
+        (lambda: Camera.orthographic(*POSE, 0.0, 9.0, half_height=1.0), "near: got 0.0"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            action()
