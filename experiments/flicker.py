@@ -203,6 +203,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--directory", type=Path, default=Path("runs/flicker"))
     parser.add_argument("--count", type=int, default=17, help="frames of each path")
     parser.add_argument("--long", type=int, help="frames of two longer paths")
+    parser.add_argument("--renew", nargs="+", default=[], choices=METHODS, help="measure these anew on kept paths")
     parser.add_argument("--scenes", nargs="+", choices=KINDS, help="some of the scenes only")
     parser.add_argument("--motions", nargs="+", choices=MOTIONS, help="some of the motions only")
     parser.add_argument("--short", action="store_true", help="one short path")
@@ -221,11 +222,15 @@ def main(arguments: list[str] | None = None) -> int:
     records = json.loads(kept.read_text()) if kept.exists() else {}
     for kind, motion, frames in pairs:
         key = f"{kind} {motion} {frames}"
-        if key in records:
+        names = methods if frames == count else LONG_METHODS
+        if key in records and not asked.renew:
             continue
-        records[key], strips = record(kind, motion, frames, size, methods if frames == count else LONG_METHODS)
+        if key in records:
+            names = tuple(name for name in asked.renew if name in names)
+        told, strips = record(kind, motion, frames, size, names)
+        records[key] = records.get(key, {}) | told
         print(key, flush=True)
-        if (kind, motion, frames) == ("corridor", "walk", count) and asked.images:
+        if (kind, motion, frames) == ("corridor", "walk", count) and asked.images and set(SHOWN) <= set(strips):
             animated(strips, asked.images / "flicker.gif")
         kept.with_suffix(".part").write_text(json.dumps(records))
         kept.with_suffix(".part").replace(kept)

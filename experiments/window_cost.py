@@ -46,12 +46,14 @@ def measured(size: tuple[int, int], repeats: int) -> dict[str, float]:
     scene = made_scene("city", 31)
     seen = scene.camera(0, width / height)
     receivers = DepthBuffer(np.asarray(rasterise(scene.triangles, seen, height, width), np.float32))
-    camera, light = camera_of(seen), warpopt.DirectionalLight((0.5, -0.8, -0.35))
+    # As engines have it: all in single precision.
+    single = lambda tree: jax.tree.map(lambda v: np.asarray(v, np.float32), tree)  # noqa: E731
+    camera, light = single(camera_of(seen)), single(warpopt.DirectionalLight((0.5, -0.8, -0.35)))
     settings = {"objective": warpopt.Objective("pxq"), "warp_direction": "view", "screen": size}
     calls, states = {"extents": lambda: extents(camera, light, receivers)}, {}
     for name, every in (("keeps", 10**6), ("checks", 1)):
         window = warpopt.StableWindow(check_every=every, **settings)
-        _, states[name] = window.update(window.start(), camera, light, receivers)
+        _, states[name] = window.update(window.start(np.float32), camera, light, receivers)
         calls[name] = lambda window=window, name=name: window.update(states[name], camera, light, receivers)
         assert int(calls[name]()[0].action) == 0, "kept"
     times = {name: [] for name in calls}

@@ -52,7 +52,7 @@ def test_compiled_code_moves_the_map_as_the_library_does(compiler, language, tmp
     eta = np.where(rng.random(count) < 0.3, 1, np.exp(rng.uniform(np.log(0.01), 0, count)))
     offset = rng.integers(-500, 500, count)
     given = np.float32(np.stack([least, largest, np.full(count, SIZE), np.ones(count),
-                                 rng.uniform(0, 1, count), offset, eta], 1))  # fmt: skip
+                                 rng.choice([0, 0.5, 1, 0.3], count), offset, eta], 1))  # fmt: skip
     found = compiled(compiler, language, given, tmp_path)
     refits = moves = 0
     for (low, high, _, padding, ahead, old, warp), (told, horizon, entry) in zip(given, found, strict=True):

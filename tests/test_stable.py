@@ -24,6 +24,7 @@ BOX = ConvexBody.box((-500, -1, -500), (500, 3, 500))
 def window_of(**settings) -> StableWindow:
     return StableWindow(**{
         "objective": STORAGE, "warp_direction": "view", "shadow_map": (N, N), "screen": (640, 400), "tolerance": 1.5,
+        "hold": 1,
     } | settings)  # fmt: skip
 
 
@@ -207,7 +208,7 @@ def _norm_by_differences(matrix, camera, frame, points, weights, name, norm):
 
 
 def test_a_light_that_turns_moves_no_texel_on_the_anchor_plane():
-    window, state = window_of(anchor=(0, 1, 0, 0.5), tolerance=10), None
+    window, state = window_of(anchor=(0, 1, 0, -0.5), tolerance=10), None
     plane = np.stack([rng.uniform(-4, 4, 500), np.full(500, 0.5), rng.uniform(-20, -8, 500)], 1)
     before = None
     for k in range(5):
@@ -286,6 +287,7 @@ def test_states_go_through_json_scan_and_vmap():
 
 BROKEN = {
     "a list": "[]", "not JSON": "{", "NaN": None, "version": None, "shape": None, "kind": None, "missing": None,
+    "deep": "[" * 100_000, "huge": None, "true": None, "eta": None,
 }  # fmt: skip
 
 
@@ -296,6 +298,12 @@ def test_broken_states_are_refused(how):
         text = json.dumps(record).replace("1.0", "NaN", 1)
     elif how == "version":
         text = json.dumps(record | {"warpopt.WindowState": 99})
+    elif how == "true":
+        text = json.dumps(record | {"warpopt.WindowState": True})
+    elif how in ("huge", "eta"):
+        values = record["values"]
+        values[3] = 10**400 if how == "huge" else -5.0
+        text = json.dumps(record | {"values": values})
     elif how in ("shape", "kind", "missing"):
         values = record["values"]
         if how == "missing":
@@ -341,11 +349,109 @@ def test_what_makes_a_window_refit():
     action, reason, update = second(camera_at(x=0.4), first=strict)
     assert (action, reason) == (Action.REFITTED, Reason.LOSS)
     assert float(update.refit_rate) == 0.5
-    assert second(camera_at(x=0.4), first=strict, may_refit=False)[0] in (Action.KEPT, Action.SCROLLED)
+    kept = Action.KEPT, Action.SCROLLED
+    assert second(camera_at(x=0.4), first=strict, may_refit=False)[0] in kept
+    assert second(camera_at(x=0.4), first=window_of(tolerance=1.0, hold=2))[0] in kept
     still = window_of(scroll=False, tolerance=10)
     reasons = [Reason(int(update.reason)) for _, update, _ in walk(still, 40, BOX, turn=0.003)]
     assert Reason.LEFT in reasons
     assert set(reasons) <= {Reason.FIRST, Reason.FITS, Reason.LEFT}
+
+
+@pytest.mark.parametrize("padding", [0, 1, 20, 150])
+@pytest.mark.parametrize("margin", [0.01, 0.3])
+def test_a_still_scene_is_kept_for_ever(padding, margin):
+    """Whatever the padding, the margin and the aspect, with no tolerance at all: nothing changes, so nothing may."""
+    for aspect in (1.0, 0.25):
+        window = window_of(padding=padding, margin=margin, tolerance=1.0, map_aspect=aspect)
+        state = window.start()
+        for k in range(4):
+            update, state = window.update(state, camera_at(), LIGHT, PointReceivers(POINTS))
+            assert int(update.action) == (Action.KEPT if k else Action.FIRST), update.words
+            assert float(update.loss) == 1
+        free = texels(update.matrix, POINTS[seen(camera_at(), POINTS)], np.asarray(update.texels))[:, :2]
+        assert (free >= padding - 1e-6).all()
+        assert (free <= np.asarray(update.texels) - padding + 1e-6).all()
+
+
+def test_a_walk_towards_a_wall_is_no_jump():
+    """A wall that faces the viewer is thin along the warp: steps of 5 cm are not jumps."""
+    wall = np.stack([np.tile(np.linspace(-5, 5, 8), 8), np.repeat(np.linspace(0, 4, 8), 8), np.full(64, -20.0)], 1)
+    window, state = window_of(jump=0.5), None
+    for k in range(6):
+        update, state = window.update(
+            state or window.start(),
+            camera_at(x=0.05 * k),
+            warpopt.DirectionalLight((0, -1, -0.01)),
+            PointReceivers(wall),
+        )
+        assert int(update.reason) != Reason.JUMP
+
+
+def test_other_casters_and_settings_compile_nothing(caplog):
+    """Numbers of casters, truth as Python's, NumPy's or JAX's: one program for all."""
+    window, state = window_of(), window_of().start()
+    with jax.log_compiles(), caplog.at_level("WARNING", logger="jax"):
+        window.update(state, camera_at(), LIGHT, PointReceivers(POINTS))
+        caplog.clear()
+        for casters, may in ((None, True), (POINTS[:3], np.True_), (POINTS[:5], jnp.array(False)), (POINTS[:0], False)):
+            window_of(margin=0.3).update(
+                state, camera_at(), LIGHT, PointReceivers(POINTS), casters=casters, may_refit=may
+            )
+        assert not [record for record in caplog.records if "update_window" in record.getMessage()]
+
+
+def test_a_grazed_anchor_is_not_used():
+    """A light in the given plane: the map is across the light, and stays while nothing moves."""
+    window, state = window_of(anchor=(0, 1, 0, 0)), None
+    for _ in range(3):
+        update, state = window.update(
+            state or window.start(), camera_at(), warpopt.DirectionalLight((1, 0, 0)), PointReceivers(POINTS)
+        )
+    assert int(update.action) == Action.KEPT
+
+
+def test_thousands_of_scrolls_in_single_precision():
+    """To and fro without a warp, in one compiled scan: what is added up is the way, to a hundredth of a texel."""
+    body = ConvexBody.box(*(np.asarray(v, np.float32) for v in ((-2e4, -1, -2e4), (2e4, 3, 2e4))))
+    light = warpopt.DirectionalLight(np.asarray((0.2, -1, -0.3), np.float32))
+    window = window_of(warp=False, tolerance=1e6, jump=100.0)
+    camera = camera_at(dtype=np.float32)
+
+    def step(state, x):
+        moved = eqx.tree_at(lambda c: c.position, camera, camera.position.at[0].set(x))
+        update, state = window.update(state, moved, light, body)
+        return state, (update.action, update.scroll)
+
+    ways = 50 * np.sin(np.arange(8000) / 40) + np.arange(8000) / 8
+    state, (actions, scrolls) = jax.lax.scan(step, window.start(np.float32), ways.astype(np.float32))
+    assert set(np.asarray(actions)[1:].tolist()) <= {Action.KEPT, Action.SCROLLED}
+    assert np.abs(np.asarray(scrolls)).sum() > 20_000
+    # The world's texels: at the end the window's own point lies where the scrolls say.
+    first = window.update(window.start(np.float32), camera, light, body)[0]
+    fixed = np.array([[3.0, 0, -20]], np.float32)
+    last = window.update(state, eqx.tree_at(lambda c: c.position, camera, camera.position.at[0].set(
+        np.float32(ways[-1]))), light, body)[0]  # fmt: skip
+    where = [texels(u.local.astype(np.float64), fixed - np.asarray(u.origin, float))[0, :2] for u in (first, last)]
+    np.testing.assert_allclose(where[1] + np.asarray(scrolls).sum(0), where[0], atol=0.05)
+
+
+def test_margins_grow_where_receivers_outgrow_maps():
+    """Every frame sees more: margins double, up to eight times, and are the window's own again once it is quiet."""
+    window, receivers = window_of(scroll=False, tolerance=1e6, warp=False), PointReceivers(POINTS)
+    state, margins = window.start(), []
+    for far in (10.0, 20.0, 40.0, 80.0, 120.0, 200.0):
+        camera = warpopt.Camera((0, 2, 0), (0, -0.1, -1), (0, 1, 0), near=0.5, far=far, half_fov=0.5, aspect=1.6)
+        update, state = window.update(state, camera, LIGHT, receivers)
+        margins.append(float(state.margin) if int(update.action) in (Action.FIRST, Action.REFITTED) else None)
+    grown = [m for m in margins if m is not None]
+    np.testing.assert_allclose(grown[:4], [0.1, 0.2, 0.4, 0.8][: len(grown)])
+    assert len(grown) >= 3
+    assert max(grown) <= 0.8 + 1e-12
+    for _ in range(31):
+        update, state = window.update(state, camera, LIGHT, receivers)
+    # Now it is measured against the window's own margin.
+    assert float(update.loss) == pytest.approx(((1 + grown[-1]) / 1.1) ** 2, rel=1e-9)
 
 
 def test_casters_change_the_depth_alone():
@@ -366,7 +472,11 @@ def test_one_of_several_windows_refits_at_a_time():
     window = window_of()
     states = jax.tree.map(lambda v: jnp.stack([v] * 3), window.start())
     states = eqx.tree_at(lambda s: s.loss, states, jnp.array([1.2, 1.4, 1.0]))
+    assert not np.asarray(window.stagger(states)).any()  # nothing is fitted yet
+    states = eqx.tree_at(lambda s: s.fitted, states, jnp.array([True, True, True]))
     np.testing.assert_array_equal(window.stagger(states), [False, True, False])
+    states = eqx.tree_at(lambda s: s.missed, states, jnp.array([0, 3, 0]))
+    np.testing.assert_array_equal(window.stagger(states), [True, False, False])  # the second sees nothing
     with pytest.raises(ValueError, match="states: got"):
         window.stagger(window.start())
 
@@ -401,7 +511,8 @@ def test_what_is_minimised_follows_from_what_is_known():
         ({"objective": "p"}, "objective"), ({"warp_direction": "up"}, "warp_direction"), ({"anchor": "x"}, "anchor"),
         ({"anchor": (0, 0, 0, 1)}, "anchor"), ({"map_aspect": 0}, "map_aspect"), ({"lateral": "x"}, "lateral"),
         ({"scroll": 1}, "scroll"), ({"ahead": 2}, "ahead"), ({"clip_space": "gl"}, "clip_space"),
-        ({"warp_direction": (0, 1)}, "warp_direction"), ({"jump": 0}, "jump"), ({"forget_after": -1}, "forget_after"),
+        ({"warp_direction": (0, 1)}, "warp_direction"), ({"jump": 0}, "jump"), ({"hold": 0}, "hold"),
+        ({"forget_after": -1}, "forget_after"),
     ],
 )  # fmt: skip
 def test_settings_out_of_range_are_refused(settings, words):
@@ -418,6 +529,13 @@ def test_other_arguments_are_refused():
     with pytest.raises(ValueError, match="casters: got"):
         window.update(window.start(), camera_at(), LIGHT, receivers, casters=[[np.nan, 0, 0]])
     with pytest.raises(ValueError, match="warp_direction: got 'best'"):
-        window_of(objective=warpopt.Objective("p"), warp_direction="best").update(
-            window.start(), camera_at(), LIGHT, receivers
-        )
+        window_of(objective=warpopt.Objective("p"), warp_direction="best")
+    with pytest.raises(ValueError, match="lateral: got 'free'"):
+        window_of(objective=warpopt.Objective("edge"), lateral="free")
+    with pytest.raises(ValueError, match="state: got"):
+        window.update(jax.tree.map(lambda v: v[None], window.start()), camera_at(), LIGHT, receivers)
+    with pytest.raises(ValueError, match="may_refit: got 'yes'"):
+        window.update(window.start(), camera_at(), LIGHT, receivers, may_refit="yes")
+    for dtype in ("int32", "foo"):
+        with pytest.raises(ValueError, match="dtype: got"):
+            window.start(dtype)

@@ -80,6 +80,30 @@ def fractions(near: Numbers, far: Numbers, shares: Sequence[float]) -> Float[Arr
     return checked("shares", made, _rising, "fractions that increase, and a first end beyond near")
 
 
+def stepped(splits: Numbers, step: float = 1.1) -> Float[Array, "... K+1"]:
+    """Splits at powers of `step`, so that they move seldom, and by whole steps: the first down, the last up, others to
+    the nearest.
+
+    Args:
+        splits: (..., K + 1), increasing.
+        step: > 1.
+
+    Raises:
+        ValueError: a step that is not above 1, or splits that are not positive.
+
+    Example:
+        >>> [round(float(z), 3) for z in stepped([1.05, 9.8, 100.2], 2.0)]
+        [1.0, 8.0, 128.0]
+    """
+    splits, value = float_arrays(splits=splits, step=step)
+    value = checked("step", value, lambda v: (v > 1) & (v < jnp.inf), "a number > 1")
+    splits = checked("splits", splits, lambda z: (z > 0) & (z < jnp.inf), "positive depths")
+    place = jnp.log(splits) / jnp.log(value)
+    slack = 1e-6  # a split at a power of the step stays there
+    whole = jnp.round(place).at[..., 0].set(jnp.floor(place[..., 0] + slack))
+    return value ** whole.at[..., -1].set(jnp.ceil(place[..., -1] - slack))
+
+
 def godot(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K+1"]:
     """Godot 4's defaults, `directional_shadow_split_1` to `_3`: 0.1, 0.2, 0.5 of the largest distance (scene/3d/
     light_3d.cpp, and its class reference); with two cascades the first.

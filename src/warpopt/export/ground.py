@@ -52,7 +52,16 @@ return found;
 """
 # notation: a, b, c the sun's direction of unit length; q that of (b, c); d and x along W's axes from the eye
 _MATRIX = """
-float size = sqrt(sun_x * sun_x + sun_y * sun_y + sun_z * sun_z);
+float largest = abs(sun_x);
+if (abs(sun_y) > largest) { largest = abs(sun_y); }
+if (abs(sun_z) > largest) { largest = abs(sun_z); }
+float size = 0.0f;
+if (largest > 0.0f) {
+    size = largest * sqrt(sun_x / largest * (sun_x / largest) + sun_y / largest * (sun_y / largest)
+        + sun_z / largest * (sun_z / largest));
+}
+float span = caster_height + relief;
+if (!(span > 0.0f)) { span = 1.0f; }
 float first = $nearest(height, pitch, z_near, z_far, half_fov);
 float last = $farthest(height, pitch, z_near, z_far, half_fov);
 float eta = $eta(height, pitch, z_near, z_far, half_fov, sun_x, sun_y, sun_z);
@@ -88,7 +97,7 @@ if (sun_y < 0.0f && cos(pitch) > 0.0f && first > 0.0f && last > first && size > 
     float blend = (1.0f - eta) * delta + eta * one;
     found = (x - start * one - (middle_last - start) * delta) / half_last;
     if (row > 0.5f) { found = 2.0f * delta - blend; }
-    if (row > 1.5f) { found = blend - 2.0f * eta * y / (caster_height + relief); }
+    if (row > 1.5f) { found = blend - 2.0f * eta * y / span; }
     if (row > 2.5f) { found = blend; }
 }
 return found;
@@ -100,6 +109,7 @@ _NOTES = (
     "axis, row, column: 0, 1, 2 and 3. The matrix is for column vectors and OpenGL's clip space, z/w in [-1, 1]:",
     "ground at the far end, casters up to caster_height above it, ground down to relief below it. All entries are 0",
     "where there is nothing to map: no ground in sight, the sun below it, or a camera that looks straight down.",
+    "z_far must be finite: where the ground is to end. Casters and relief of height 0 span a depth of 1.",
     "",
 )
 

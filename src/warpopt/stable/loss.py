@@ -15,14 +15,6 @@ from ..views import SceneView
 from .pencil import Placed
 
 
-def degree(objective: Objective) -> float:
-    """The power of a map's extents with which the objective grows."""
-    if objective.kernel is not None:
-        return 1.0
-    powers = [term.alpha + term.beta for term in objective.terms]
-    return sum(powers) if objective.storage else max(powers)
-
-
 def error_of(view: SceneView, frame: LightFrame, placed: Placed, objective: Objective) -> Float[Array, ""]:
     """The objective of a map over a view's receivers; 0 for none.
 

@@ -78,6 +78,12 @@ class Pencil(eqx.Module):
         """The map's length along the warp."""
         return 1 / jnp.sqrt((self.along[:3] ** 2).sum())
 
+    @property
+    def size(self) -> Float[Array, ""]:
+        """The larger of the map's lengths along and across the warp."""
+        across = 1 / jnp.sqrt((self.across[:3] ** 2).sum())
+        return jnp.maximum(self.mu, across)
+
     def blend_at(self, s: Float[Array, "..."]) -> Float[Array, "..."]:
         """A at one s of the map; infinite at the horizon, beyond which there is none."""
         return self.eta / (1 - self.one_minus_eta * s)
@@ -203,12 +209,11 @@ class Corners(eqx.Module):
         there = jnp.concatenate([self.there, self.there])
         return Square(*(jnp.stack(_ends(v, there)) for v in (t, s)))
 
-    def depth_range(self, placed: Placed, level: Array, casters: Array | None) -> Float[Array, "2"]:
-        """Least and largest (l . c - level)/A of all, and of casters (their l . c) on the same rays."""
+    def depth_range(self, placed: Placed, level: Array, above: Array) -> Float[Array, "2"]:
+        """Least and largest (l . c - level)/A of all, and of casters on the same rays: `above` is their least l . c."""
         blend = placed.texture(self.depths, jnp.zeros_like(self.depths))[2]
         first, last = (jnp.where(self.there, v, 0) for v in self.light)
-        if casters is not None and casters.size:
-            first = jnp.minimum(first, casters.min())
+        first = jnp.minimum(first, above)
         least = jnp.where(self.there, (first - level) / blend, jnp.inf).min()
         return jnp.stack([least, jnp.where(self.there, (last - level) / blend, -jnp.inf).max()])
 
@@ -262,8 +267,8 @@ def offset_for(
     high = jnp.minimum(jnp.floor(least - padding + slack), limit)
     fits = (low <= high).all()
     free = high - low
-    forward = low + jnp.round(ahead * free)
-    backward = high - jnp.round(ahead * free)
+    part = jnp.floor(ahead * free + 0.5)  # as exported code rounds
+    forward, backward = low + part, high - part
     kept = old.astype(size.dtype)
     new = jnp.where(kept < low, forward, jnp.where(kept > high, backward, kept))
     new = jnp.where(fits & jnp.isfinite(new), new, kept)

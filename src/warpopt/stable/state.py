@@ -1,7 +1,6 @@
 """What a stable window remembers from frame to frame."""
 
 import json
-import math
 from typing import Any
 
 import equinox as eqx
@@ -24,6 +23,7 @@ class WindowState(eqx.Module):
         plane: (4,) the anchor plane, on which texels stay where they are under a light that turns: plane . (p - origin,
             1) = 0, of a unit normal.
         fitted_light, light: (3,) world unit vectors, when the window was fitted, and in the last frame.
+        reach: the largest A that the map may have at its far end, where the horizon is near.
         offset: whole texels along (t, s) by which the map lies off the pencil's.
         scrolled: the same since the window was fitted.
         texels: along (t, s).
@@ -33,6 +33,8 @@ class WindowState(eqx.Module):
         fitted: whether there is a map.
         missed: frames in a row without receivers.
         unchecked: frames since the loss was computed.
+        margin: that the map was fitted with.
+        age: frames since then.
         frames, refits: so far; a first fit is no refit.
         settings: a checksum of the window's.
 
@@ -47,6 +49,7 @@ class WindowState(eqx.Module):
     plane: Float[Array, "4"]
     fitted_light: Float[Array, "3"]
     light: Float[Array, "3"]
+    reach: Float[Array, ""]
     offset: Int[Array, "2"]
     scrolled: Int[Array, "2"]
     texels: Int[Array, "2"]
@@ -56,6 +59,8 @@ class WindowState(eqx.Module):
     fitted: Bool[Array, ""]
     missed: Int[Array, ""]
     unchecked: Int[Array, ""]
+    margin: Float[Array, ""]
+    age: Int[Array, ""]
     frames: Int[Array, ""]
     refits: Int[Array, ""]
     settings: UInt32[Array, ""]
@@ -70,8 +75,10 @@ class WindowState(eqx.Module):
         up = none.at[1].set(1)
         places = jnp.zeros(2, jnp.int32)
         return cls(
-            pencil, jnp.append(up, 0).astype(dtype), -up, -up, places, places, jnp.asarray(texels, jnp.int32), none,
-            none, one, jnp.zeros((), bool), number, number, number, number, jnp.asarray(settings, jnp.uint32),
+            pencil=pencil, plane=jnp.append(up, 0).astype(dtype), fitted_light=-up, light=-up, reach=one, offset=places,
+            scrolled=places, texels=jnp.asarray(texels, jnp.int32), depth=none, eye=none, loss=one,
+            fitted=jnp.zeros((), bool), missed=number, unchecked=number, margin=one, age=number, frames=number,
+            refits=number, settings=jnp.asarray(settings, jnp.uint32),
         )  # fmt: skip
 
     def to_json(self) -> str:
@@ -103,11 +110,11 @@ class WindowState(eqx.Module):
         """
         try:
             record = json.loads(text, parse_constant=lambda word: (_ for _ in ()).throw(ValueError(word)))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, RecursionError):
             raise ValueError(f"state: got {shown(text)}, expected the JSON of WindowState.to_json") from None
         if not isinstance(record, dict) or set(record) != {"warpopt.WindowState", "dtype", "values"}:
             raise ValueError(f"state: got {shown(record)}, expected the JSON of WindowState.to_json")
-        if record["warpopt.WindowState"] != _VERSION:
+        if record["warpopt.WindowState"] != _VERSION or record["warpopt.WindowState"] is True:
             raise ValueError(f"state: got version {shown(record['warpopt.WindowState'])}, expected {_VERSION}")
         dtype, values = record["dtype"], record["values"]
         if dtype not in ("float32", "float64"):
@@ -119,7 +126,10 @@ class WindowState(eqx.Module):
         if not isinstance(values, list) or len(values) != len(leaves):
             raise ValueError(f"state: got {shown(values)}, expected {len(leaves)} values")
         made = [_leaf(value, leaf, k) for k, (value, leaf) in enumerate(zip(values, leaves, strict=True))]
-        return jax.tree.unflatten(shape, made)
+        state = jax.tree.unflatten(shape, made)
+        if not (0 < float(state.pencil.eta) <= 1 and (np.asarray(state.texels) > 0).all()):
+            raise ValueError(f"state: got eta {float(state.pencil.eta)}, expected one in (0, 1], and a map with texels")
+        return state
 
 
 def _like(state: WindowState) -> WindowState:
@@ -139,6 +149,9 @@ def _leaf(value: Any, like: Array, place: int) -> Array:
     if like.dtype.kind in "iu":
         ends = np.iinfo(like.dtype)
         good = good and all(ends.min <= v <= ends.max for v in flat)
-    if not good or np.shape(value) != like.shape or not all(math.isfinite(v) for v in flat):
+    if good and like.dtype.kind == "f":  # in the state's own precision
+        top = float(np.finfo(like.dtype).max)
+        good = all(abs(v) <= top for v in flat)
+    if not good or np.shape(value) != like.shape:
         raise ValueError(f"state: got {shown(value)} as value {place}, expected {like.dtype.name}{list(like.shape)}")
     return jnp.asarray(value, like.dtype)

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
-from .._numerics import power
 from ..objective import Objective
 from ..receivers.answers import footprint_of
 from ..render.shadow_matrix import ClipSpace, to_clip
@@ -18,7 +17,7 @@ from ..solve.scene import solve_scene
 from ..theory.light_frame import LightFrame
 from ..theory.warp import Warp
 from ..views import SceneView
-from .loss import degree, error_of
+from .loss import error_of
 from .pencil import Corners, Pencil, Placed, Square, offset_for
 from .state import WindowState
 from .update import Action, Reason, Update
@@ -30,6 +29,10 @@ _LEAST_SLOPE = 0.2  # cosine between light and anchor plane's normal: a steeper 
 _LEAST_TURN = 0.25  # of that cosine when the light turns: texels off the plane are then four times as sheared
 _DEPTH_MARGIN = 0.25  # of the depth range on either side, and of its fall below which a shorter one is taken
 _LONGEST = 3.0  # the depth range over what is needed
+_SOON = 8  # frames: receivers that outgrow a map sooner than this get a margin twice as large,
+_LARGEST_MARGIN = 8.0  # up to this many times the window's,
+_SETTLED = 30  # and are held to the window's own margin again after as many
+_URGENT = 2.0  # times the tolerance: a loss that is not put off
 
 
 class Settings(eqx.Module):
@@ -40,6 +43,7 @@ class Settings(eqx.Module):
     padding: Int[Array, ""]
     ahead: Float[Array, ""]
     jump: Float[Array, ""]
+    hold: Int[Array, ""]
     check_every: Int[Array, ""]
     forget_after: Int[Array, ""]
     plane: Float[Array, "4"]  # normal and offset in the world; a normal of 0 if none is given
@@ -68,7 +72,7 @@ def update_window(
     objective: Objective,
     state: WindowState,
     view: SceneView,
-    casters: Float[Array, "N 3"] | None,
+    above: Float[Array, ""],
     may_refit: ArrayLike,
 ) -> tuple[Update, WindowState]:
     """See `StableWindow.update`."""
@@ -80,7 +84,7 @@ def update_window(
     pencil = _under(state.pencil, state, jnp.where(near_enough, light, state.fitted_light))
     frame, placed, corners, empty = _seen(view, pencil, state.texels)
     square = corners.within(placed)
-    last = (1 - state.pencil.eta / _HORIZON) / _positive(state.pencil.one_minus_eta)
+    last = (1 - state.pencil.eta / state.reach) / _positive(state.pencil.one_minus_eta)
     last = jnp.where(state.pencil.one_minus_eta > 0, last, jnp.inf)
     place = functools.partial(offset_for, square, state.texels, state.offset, window.padding, window.ahead)
     offset, fits = place(last)
@@ -96,7 +100,7 @@ def update_window(
         (~fits & can_move, Reason.LEFT),
         ((~can_move & fits_before) | jnp.isnan(square.s).any(), Reason.HORIZON),
         (~near_enough, Reason.TURNED),
-        (moved > window.jump * pencil.mu, Reason.JUMP),
+        (moved > window.jump * pencil.size, Reason.JUMP),
         (state.settings != window.checksum, Reason.SETTINGS),
         (~state.fitted, Reason.FIRST),
         (empty, Reason.EMPTY),
@@ -105,15 +109,24 @@ def update_window(
     must = (reason != Reason.FITS) & ~empty
     due = ~empty & (state.unchecked + 1 >= window.check_every)
     beneath = light @ (camera.position - state.pencil.origin)  # l . (p - origin) of the eye
-    above = None if casters is None else (casters - camera.position) @ light
     needed = corners.depth_range(placed, state.depth[0] - beneath, above)
     kept = Fit(
         state.pencil, state.texels, state.plane, state.depth[0], needed, state.loss, jnp.zeros((), bool)
     )  # fmt: skip
-    fit = jax.lax.cond(must | due, lambda: _fitted(window, objective, view, frame, placed, above), lambda: kept)
-    passed = due & (fit.loss > window.tolerance) & jnp.asarray(may_refit)
+    outgrown = (reason == Reason.RANGE) | (reason == Reason.LEFT) | (reason == Reason.HORIZON)
+    larger = jnp.minimum(2 * state.margin, _LARGEST_MARGIN * window.margin)
+    margin = jnp.where(outgrown & (state.age < _SOON), jnp.maximum(larger, window.margin), window.margin)
+    allowed = jnp.where(state.age < _SETTLED, state.margin, window.margin)
+    fit = jax.lax.cond(
+        must | due, lambda: _fitted(window, objective, view, frame, placed, above, margin, allowed), lambda: kept
+    )  # fmt: skip
+    # What comes and goes in view would have a map fitted for it each time.
+    waits = (state.age + 1 < window.hold) & (fit.loss <= _URGENT * window.tolerance)
+    passed = due & (fit.loss > window.tolerance) & jnp.asarray(may_refit) & ~waits
     reason = jnp.where(passed & ~must & fit.solved, Reason.LOSS, reason)
     refit = (must | passed) & fit.solved
+    put_off = due & ~must & ~refit & (fit.loss > window.tolerance)
+    reason = jnp.where((reason == Reason.FITS) & put_off, Reason.WAITS, reason)
     unsolved = must & ~fit.solved
     reason = jnp.where(unsolved, Reason.UNSOLVED, reason)
     lost = empty | unsolved
@@ -130,20 +143,24 @@ def update_window(
     depth = jnp.where(lost, state.depth, _depth(state.depth, level, needed, refit))
     turned, deeper = (now != state.light).any(), (depth != state.depth).any()
     scrolls = (scroll != 0).any()
-    reason = jnp.where((reason == Reason.FITS) & scrolls, Reason.LEFT, reason)
-    reason = jnp.where((reason == Reason.FITS) & turned, Reason.LIGHT, reason)
-    reason = jnp.where((reason == Reason.FITS) & deeper, Reason.DEPTH, reason)
+    fine = (reason == Reason.FITS) | (reason == Reason.WAITS)
+    for holds, which in ((deeper, Reason.DEPTH), (turned, Reason.LIGHT), (scrolls, Reason.LEFT)):
+        reason = jnp.where(fine & holds, which, reason)
     action = jnp.where(scrolls | turned | deeper, Action.SCROLLED, Action.KEPT)
     action = jnp.where(refit, jnp.where(state.fitted, Action.REFITTED, Action.FIRST), action)
     action = jnp.where(lost, Action.EMPTY, action).astype(jnp.int32)
 
     there = (state.fitted | refit) & ~(empty & (state.missed >= window.forget_after))
     again = refit & state.fitted & (state.settings == window.checksum)
+    checked = (must | due) & ~empty & ~put_off
     made = WindowState(
-        base, plane, fitted_light, now, offset, jnp.where(refit, 0, state.scrolled + scroll), texels, depth,
-        jnp.where(empty, state.eye, camera.position - base.origin), jnp.where(refit, 1, loss), there,
-        jnp.where(empty, state.missed + 1, 0), jnp.where((must | due) & ~empty, 0, state.unchecked + 1),
-        state.frames + 1, state.refits + again, jnp.where(refit, window.checksum, state.settings),
+        pencil=base, plane=plane, fitted_light=fitted_light, light=now, offset=offset, texels=texels, depth=depth,
+        reach=jnp.where(refit, _HORIZON, state.reach), scrolled=jnp.where(refit, 0, state.scrolled + scroll),
+        eye=jnp.where(empty, state.eye, camera.position - base.origin), loss=jnp.where(refit | ~there, 1, loss),
+        fitted=there, missed=jnp.where(empty, state.missed + 1, 0),
+        unchecked=jnp.where(checked, 0, state.unchecked + 1), margin=jnp.where(refit, margin, state.margin),
+        age=jnp.where(refit, 0, state.age + 1), frames=state.frames + 1, refits=state.refits + again,
+        settings=jnp.where(refit, window.checksum, state.settings),
     )  # fmt: skip
     made = _moved_on(made, camera.position)
     return _shown(window, made, view, state.fitted | refit, action, reason, scroll), made
@@ -161,7 +178,7 @@ def _seen(view: SceneView, pencil: Pencil, texels: Array) -> tuple[LightFrame, P
 def _anchored(state: WindowState, light: Array) -> Array:
     """Whether the anchor plane carries the map under this light."""
     cosine, first = state.plane[:3] @ light, state.plane[:3] @ state.fitted_light
-    return cosine / first > _LEAST_TURN
+    return (cosine > _LEAST_TURN * first) | (light == state.fitted_light).all()
 
 
 def _under(pencil: Pencil, state: WindowState, light: Array) -> Pencil:
@@ -172,29 +189,49 @@ def _under(pencil: Pencil, state: WindowState, light: Array) -> Pencil:
 
 def _fitted(
     window: Settings, objective: Objective, view: SceneView, frame: LightFrame, placed: Placed,
-    above: Array | None,
+    above: Array, margin: Array, allowed: Array,
 ) -> Fit:  # fmt: skip
-    """A window over this frame's receivers, and the loss of the map that there is."""
+    """A window over this frame's receivers, and the loss of the map that there is against one of the allowed margin."""
     solution = solve_scene(view, objective, jnp.asarray(_MIN_ETA, view.camera.position.dtype))
-    value, warp = solution.value, solution.warp
+    warp = solution.warp
     plain = Warp(jnp.ones_like(warp.eta), jnp.zeros_like(warp.eta), warp.start, warp.mu, warp.defined)
     warp = jax.tree.map(lambda own, none: jnp.where(window.warp, own, none), warp, plain)
-    value = jnp.where(window.warp, value, solution.unwarped)
-    pencil = Pencil.fitted(view.camera, solution.frame, solution.footprint, warp)
-    # With the margin on both sides; beyond the far end less where the horizon is near.
-    half = window.margin / 2
-    rest = jnp.where(warp.one_minus_eta > 0, warp.eta / _positive(warp.one_minus_eta), jnp.inf)
-    beyond = jnp.minimum(half, _FAR_SHARE * rest)
-    # A whole number of texels; as many in all, up to rounding.
+    # A whole number of texels, some of them beside the padding; as many in all, up to rounding.
     size = view.shadow_map
     assert size is not None  # a window has one
-    across = jnp.round(size[0] * solution.shares[0])
+    least = 2.0 * window.padding + 1
+    across = jnp.clip(jnp.round(size[0] * solution.shares[0]), least, jnp.floor(size[0] * size[1] / least))
     texels = jnp.where(solution.shares == 1, size, jnp.stack([across, jnp.round(size[0] * size[1] / across)]))
-    pad_t, pad_s = window.padding / texels
-    t = jnp.stack([-half - pad_t, 1 + half + pad_t])
-    pencil = pencil.cropped(Square(t, jnp.stack([-half - pad_s, 1 + beyond + pad_s])))
-    texels = texels.astype(jnp.int32)
-    loss = error_of(view, frame, placed, objective) / (value * power(1 + window.margin, degree(objective)))
+    edges = window.padding / (texels - 2 * window.padding)  # over the length between them
+
+    def beyond(margin: Array) -> Array:
+        """The margin at the far end: less where the horizon is near."""
+        rest = jnp.where(warp.one_minus_eta > 0, warp.eta / _positive(warp.one_minus_eta), jnp.inf)
+        return jnp.minimum(margin / 2, _FAR_SHARE * rest)
+
+    # A warp whose horizon would lie in the padding is too strong for it.
+    last = 1 + beyond(margin) + edges[1] * (1 + margin / 2 + beyond(margin))
+    eta = jnp.maximum(warp.eta, (1 + 1e-3) * _HORIZON * (last - 1) / (_HORIZON * last - 1))
+    eta = jnp.where(edges[1] > 0, jnp.minimum(eta, 1), warp.eta)
+    rest = jnp.where(eta > warp.eta, 1 - eta, warp.one_minus_eta)
+    pencil = Pencil.fitted(
+        view.camera, solution.frame, solution.footprint, Warp(eta, rest, warp.start, warp.mu, warp.defined)
+    )
+
+    def with_margin(margin: Array) -> Pencil:
+        both = []
+        for edge, far in zip(edges, (margin / 2, beyond(margin)), strict=True):
+            length = edge * (1 + margin / 2 + far)
+            both.append(jnp.stack([-margin / 2 - length, 1 + far + length]))
+        return pencil.cropped(Square(*both))
+
+    # Over the receivers themselves, as the old map's error is: what cells lose would otherwise look like a loss.
+    allowed_map = with_margin(allowed)
+    axes = LightFrame(view.camera, view.light, view.screen, texels.astype(view.camera.position.dtype))
+    axes = allowed_map.frame(view.camera, axes)
+    fresh = error_of(view, axes, allowed_map.placed(view.camera, axes), objective)
+    loss = error_of(view, frame, placed, objective) / jnp.where(fresh > 0, fresh, jnp.nan)
+    pencil, texels = with_margin(margin), texels.astype(jnp.int32)
     finite = jnp.stack([jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(pencil)]).all()
     _, own, corners, _ = _seen(view, pencil, texels)
     needed = corners.depth_range(own, corners.middle, above)
@@ -217,8 +254,10 @@ def _plane(window: Settings, view: SceneView) -> Array:
     fitted = fitted * jnp.where(fitted @ light < 0, -1, 1)
     normal = jnp.where((fitted @ light > _LEAST_SLOPE) & ~window.across_light, fitted, light)
     own = jnp.append(normal, -normal @ (centre @ camera.rotation))
-    given = window.plane.at[3].set(window.plane[:3] @ camera.position - window.plane[3])
-    return jnp.where((window.plane[:3] != 0).any(), given, own)
+    given = window.plane.at[3].set(window.plane[:3] @ camera.position + window.plane[3])
+    given = given * jnp.where(given[:3] @ light < 0, -1, 1)
+    # A plane that the light grazes would shear the map beyond use.
+    return jnp.where((window.plane[:3] != 0).any() & (given[:3] @ light > _LEAST_SLOPE), given, own)
 
 
 def _depth(old: Array, level: Array, needed: Array, refit: Array) -> Array:
@@ -245,8 +284,8 @@ def _moved_on(state: WindowState, eye: Array) -> WindowState:
     depth = state.depth * jnp.stack([jnp.ones_like(smaller), smaller, smaller])
     depth = depth.at[0].add(-state.light @ way)
     moved = eqx.tree_at(
-        lambda s: (s.pencil, s.plane, s.offset, s.depth, s.eye), state,
-        (pencil, plane, 0 * state.offset, depth, 0 * state.eye),
+        lambda s: (s.pencil, s.plane, s.offset, s.depth, s.eye, s.reach), state,
+        (pencil, plane, 0 * state.offset, depth, 0 * state.eye, state.reach / smaller),
     )  # fmt: skip
     return jax.tree.map(lambda new, old: jnp.where(due, new, old), moved, state)
 
@@ -272,7 +311,7 @@ def _shown(window: Settings, state: WindowState, view: SceneView, there: Array, 
     return Update(
         world, local, pencil.origin, cropped.placed(view.camera, frame).warp, cropped.along[:3] * cropped.mu,
         state.texels, action, reason, jnp.where(action == Action.SCROLLED, scroll, 0), state.loss,
-        state.refits / state.frames,
+        state.refits.astype(rows.dtype) / state.frames,
     )  # fmt: skip
 
 

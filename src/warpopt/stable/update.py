@@ -50,6 +50,7 @@ class Reason(enum.IntEnum):
     SETTINGS = 10
     EMPTY = 11
     UNSOLVED = 12
+    WAITS = 13
 
     @property
     def sentence(self) -> str:
@@ -70,6 +71,7 @@ _SENTENCES = {
     Reason.JUMP: "The camera jumped.",
     Reason.SETTINGS: "The state is of another window's settings or resolution.",
     Reason.EMPTY: "There are no receivers.",
+    Reason.WAITS: "The error passed the tolerance; a fit is put off.",
     Reason.UNSOLVED: "No optimum was found; the last map is kept.",
 }
 

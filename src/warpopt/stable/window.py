@@ -39,7 +39,8 @@ class StableWindow:
 
     Args:
         margin: by how much the map is larger than the receivers along each axis, >= 0.01: both errors are (1 + margin)
-            times larger. At the far end it ends before the warp's horizon.
+            times larger. At the far end it ends before the warp's horizon. Where receivers outgrow a map within 8
+            frames, the next one has twice the margin, up to 8 times this; after 30 frames the loss is against this one.
         tolerance: the error over that of a window fitted to this frame, with its margin, above which it is fitted anew;
             >= 1, inf for never.
         objective: what is minimised. None: "edge" if edges are given; else "band" over points and pixels, by their
@@ -52,8 +53,12 @@ class StableWindow:
         padding: texels that receivers leave free at each edge, for filters.
         ahead: the share of the free texels that lies on the side to which the map moves.
         anchor: the plane on which texels stay where they are while the light turns: "fit", through the receivers;
-            "light", across the light; or (normal x, y, z, offset) in the world, normal . p = offset.
-        jump: a move of the camera in one frame, over the map's length along the warp, after which it is fitted anew.
+            "light", across the light; or (normal x, y, z, offset) in the world, normal . p + offset = 0 as of
+            `GroundPlane`, if the light does not graze it.
+        jump: a move of the camera in one frame, over the larger of the map's lengths along and across the warp, after
+            which it is fitted anew.
+        hold: frames that a map is held before it is fitted anew for its error alone, unless that is twice what is
+            tolerated.
         check_every: frames from one optimum for the loss to the next.
         forget_after: frames without receivers after which the map is forgotten.
         clip_space: OpenGL's by default.
@@ -90,6 +95,7 @@ class StableWindow:
     ahead: float = 0.5
     anchor: str | tuple[float, float, float, float] = "fit"
     jump: float = 0.5
+    hold: int = 8
     check_every: int = 1
     forget_after: int = 30
     clip_space: ClipSpace | None = None
@@ -103,6 +109,7 @@ class StableWindow:
         ):  # fmt: skip
             self._set(name, _number(name, getattr(self, name), least, most))
         whole_number("padding", self.padding, 0, 1024)
+        whole_number("hold", self.hold, 1, 10**6)
         whole_number("check_every", self.check_every, 1, 10**6)
         whole_number("forget_after", self.forget_after, 0, 10**6)
         for name in ("shadow_map", "screen"):
@@ -117,6 +124,10 @@ class StableWindow:
             one_of("warp_direction", self.warp_direction, DIRECTIONS)
         else:
             self._set("warp_direction", _vector("warp_direction", self.warp_direction, 3, f"or one of {DIRECTIONS}"))
+        if self.turn_only_if == np.inf:
+            raise ValueError("turn_only_if: got inf, expected a finite number >= 1")
+        if self.objective is not None:
+            self._refuse_contradictions(self.objective)
         if self.map_aspect != "best":
             self._set("map_aspect", _number("map_aspect", self.map_aspect, 1e-3, 1e3))
         if isinstance(self.anchor, str):
@@ -127,6 +138,15 @@ class StableWindow:
             if not length > 0:
                 raise ValueError(f"anchor: got {anchor}, expected a normal that is not zero")
             self._set("anchor", tuple(v / length for v in anchor))
+
+    def _refuse_contradictions(self, objective: Objective) -> None:
+        """What no receivers could be fitted with."""
+        for name, value, fine in (
+            ("warp_direction", "best", objective.in_any_direction or not self.warp),
+            ("map_aspect", "best", objective.in_any_aspect), ("lateral", "free", objective.kernel is None),
+        ):  # fmt: skip
+            if getattr(self, name) == value and not fine:
+                raise ValueError(f"{name}: got {value!r} with {objective.title}, which does not compare such maps")
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
@@ -141,7 +161,16 @@ class StableWindow:
 
         Args:
             dtype: of its numbers, the cameras' own: what `jax.lax.scan` carries keeps its dtype.
+
+        Raises:
+            ValueError: a dtype that is not of floating-point numbers.
         """
+        try:
+            kind = jnp.dtype(dtype).kind
+        except TypeError:
+            kind = ""
+        if kind != "f":
+            raise ValueError(f"dtype: got {shown(dtype)}, expected float32 or float64")
         return WindowState.empty(self.shadow_map, self.checksum, dtype)
 
     def update(
@@ -173,6 +202,8 @@ class StableWindow:
             ValueError: arguments of another kind, NaN, an objective that the receivers do not support.
         """
         instance("state", state, WindowState)
+        if state.loss.ndim:
+            raise ValueError(f"state: got {state.loss.shape} of them, expected one; use jax.vmap over more")
         receivers = _weighed(receivers, edges)
         objective = self._objective_for(receivers, edges)
         view = SceneView(
@@ -182,13 +213,11 @@ class StableWindow:
         )  # fmt: skip
         view = settled_scene(view, objective)
         refuse_orthographic(camera, "a stable window follows a perspective view")
-        if casters is not None:
-            casters = points_of(camera.position.dtype, "casters", casters)
-            if not is_traced(casters) and not np.isfinite(casters).all():
-                raise ValueError("casters: got one that is not finite, expected finite numbers")
-            casters = casters.reshape(-1, 3)
-        settings = self._as_arrays(camera.position.dtype)
-        return update_window(settings, objective, state, view, casters, may_refit)
+        dtype = camera.position.dtype
+        above = np.asarray(np.inf, dtype) if casters is None else _nearest(casters, camera, light)
+        if not is_traced(may_refit) and np.asarray(may_refit).dtype != bool:
+            raise ValueError(f"may_refit: got {shown(may_refit)}, expected True or False")
+        return update_window(self._as_arrays(dtype), objective, state, view, above, jnp.asarray(may_refit))
 
     def stagger(self, states: WindowState) -> Bool[Array, " K"]:
         """Which of several windows may refit for its tolerance in this frame: the one with the largest loss.
@@ -203,7 +232,9 @@ class StableWindow:
         instance("states", states, WindowState)
         if states.loss.ndim != 1:
             raise ValueError(f"states: got shape {states.loss.shape}, expected (K,): several states, stacked")
-        return jnp.arange(states.loss.shape[0]) == jnp.argmax(states.loss)
+        usable = states.fitted & (states.missed == 0)
+        first = jnp.argmax(jnp.where(usable, states.loss, -jnp.inf))
+        return (jnp.arange(len(usable)) == first) & usable
 
     def _as_arrays(self, dtype: Any) -> Settings:
         # On the host: they go to the device with the call.
@@ -213,9 +244,9 @@ class StableWindow:
         plane = np.zeros(4) if isinstance(self.anchor, str) else self.anchor
         return Settings(
             margin=real(self.margin), tolerance=real(self.tolerance), ahead=real(self.ahead), jump=real(self.jump),
-            padding=whole(self.padding), check_every=whole(self.check_every), forget_after=whole(self.forget_after),
-            plane=real(plane), across_light=truth(self.anchor == "light"), scroll=truth(self.scroll),
-            warp=truth(self.warp), checksum=np.asarray(self.checksum, np.uint32),
+            padding=whole(self.padding), hold=whole(self.hold), check_every=whole(self.check_every),
+            forget_after=whole(self.forget_after), plane=real(plane), across_light=truth(self.anchor == "light"),
+            scroll=truth(self.scroll), warp=truth(self.warp), checksum=np.asarray(self.checksum, np.uint32),
             clip_space=checked_clip_space(self.clip_space),
         )  # fmt: skip
 
@@ -239,6 +270,17 @@ def _weighed(receivers: Receivers | None, edges: Weighting | None) -> Receivers 
         edges = "depth"
     # Only the weights are checked: a check of the depths is a pass over them, and a copy to the host.
     return eqx.tree_at(lambda r: r.weights, receivers, receivers.weights.instead(edges))
+
+
+def _nearest(casters: Numbers, camera: Camera, light: DirectionalLight) -> Any:
+    """The casters' least l . c from the eye: one number, so that other casters compile nothing anew."""
+    points = points_of(camera.position.dtype, "casters", casters).reshape(-1, 3)
+    if is_traced(points, camera, light):
+        return ((points - camera.position) @ light.direction.astype(points.dtype)).min(initial=jnp.inf)
+    if not np.isfinite(points).all():
+        raise ValueError("casters: got one that is not finite, expected finite numbers")
+    along = (np.asarray(points) - np.asarray(camera.position)) @ np.asarray(light.direction, points.dtype)
+    return np.asarray(along.min(initial=np.inf), points.dtype)
 
 
 def _number(name: str, value: Any, least: float, most: float) -> float:

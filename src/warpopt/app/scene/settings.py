@@ -34,11 +34,21 @@ class StableSettings(Section):
     """Whether the map follows its receivers by whole texels."""
     anchor: Literal["fit", "light"] | Four = "fit"
     """The plane on which texels stay where they are while the light turns: through the receivers, across the light, or
-    (normal x, y, z, offset)."""
+    (normal x, y, z, offset), normal . p + offset = 0."""
     ahead: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Share of the free texels on the side to which the map moves."""
+    hold: Annotated[int, Field(ge=1)] = 8
+    """Frames that a map is held before it is fitted anew for its error alone."""
     check_every: Annotated[int, Field(ge=1)] = 1
     """Frames from one optimum for the tolerance to the next."""
+    padding: Annotated[int, Field(ge=0, le=1024)] = 1
+    """Texels left free at each edge."""
+    jump: Annotated[float, Field(ge=0.01)] = 0.5
+    """A move of the camera, over the map's size, after which the map is fitted anew."""
+    forget_after: Annotated[int, Field(ge=0)] = 30
+    """Frames without receivers after which the map is forgotten."""
+    warp: bool = True
+    """Off: engines' stable fit, without a warp."""
 
 
 class SceneConfig(SceneSettings):

@@ -50,7 +50,8 @@ def followed(
     assert config.objective.screen is not None
     window = warpopt.StableWindow(
         margin=asked.margin, tolerance=asked.tolerance, objective=objective, scroll=asked.scroll, anchor=asked.anchor,
-        ahead=asked.ahead, check_every=asked.check_every, warp_direction=config.warp.direction_of(objective, False),
+        ahead=asked.ahead, hold=asked.hold, check_every=asked.check_every, padding=asked.padding, jump=asked.jump,
+        forget_after=asked.forget_after, warp=asked.warp, warp_direction=config.warp.direction_of(objective, False),
         map_aspect=config.warp.aspect, lateral=config.warp.lateral, turn_only_if=config.warp.turn_only_if,
         shadow_map=config.objective.shadow_map, screen=config.objective.screen, clip_space=clip_space(config),
     )  # fmt: skip

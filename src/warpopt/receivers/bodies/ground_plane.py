@@ -53,7 +53,8 @@ class GroundPlane(Receivers):
         self.normal = normalised("normal", normal)
         largest = jnp.abs(normal).max()
         length = largest * jnp.sqrt(((normal / largest) ** 2).sum())
-        self.offset = checked("offset", offset, lambda v: abs(v) < np.inf, "a finite number") / length
+        offset = checked("offset", offset, lambda v: abs(v) < np.inf, "a finite number") / length
+        self.offset = checked("offset", offset, lambda v: abs(v) < np.inf, "a finite number of lengths of the normal")
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`."""
