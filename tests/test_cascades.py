@@ -204,6 +204,12 @@ def test_pixels_and_bodies_are_split_too():
         assert float(made.value) <= float(
             cascades.errors(view, splits.SCHEMES[other](*ends, 3), Objective("pxq")).value
         ) * (1 + 1e-9)
+    # More pixels than are taken one by one: cells are split, and the plan holds for the pixels themselves.
+    many = np.geomspace(3, 60, 80)[::-1, None] * np.ones((80, 64))
+    wide = SceneView(CAMERA, LIGHT, DepthBuffer(many), screen=(640, 400), shadow_map=(512, 512))
+    plan = cascades.plan(wide, 3, Objective("pxq"))
+    assert (np.diff(plan.splits) > 0).all()
+    assert float(plan.value) <= 1.1 * float(plan.lower)
     edges = np.zeros((24, 32))
     edges[8] = edges[20] = 1
     weighed = SceneView(CAMERA, LIGHT, DepthBuffer(depth, weights=edges), screen=(640, 400), shadow_map=(512, 512))

@@ -87,6 +87,25 @@ class Sketch(Receivers):
         corners, there = self._corners()
         return corners, there.astype(corners.dtype)
 
+    def between(self, near: Float[Array, ""], far: Float[Array, ""]) -> "Sketch":
+        """What lies between two eye depths: cells cut there; each one's weight goes with its centroid.
+
+        Weights stay over the sum of all, so that norms to the power P add up.
+        """
+        inside = (self.far >= near) & (self.near <= far)
+        cut = (
+            jnp.where(inside, jnp.maximum(self.near, near), jnp.inf),
+            jnp.where(inside, jnp.minimum(self.far, far), -jnp.inf),
+        )
+        made = eqx.tree_at(lambda s: (s.near, s.far), self, cut)
+        if self.sums is None:
+            return made
+        weight = jnp.where(self.sums.weight > 0, self.sums.weight, 1)
+        z = self.sums.z / weight
+        mine = inside & (z >= near) & (z <= far)
+        sums = jax.tree.map(lambda v: jnp.where(mine, v, 0), self.sums)
+        return eqx.tree_at(lambda s: s.sums, made, sums)
+
     def _corners(self) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
         """(the corners of all cells, which there are): a map that holds them holds the cells, which are convex."""
         there = jnp.isfinite(self.near)
