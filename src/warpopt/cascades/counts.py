@@ -1,15 +1,20 @@
 """How many cascades are worth their price."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._checks import Numbers, checked, float_arrays
 from ..objective import Objective
+from ..solve.scene import settled_scene
 from ..theory.camera import Camera, DirectionalLight
 from ..views import FrustumView, SceneView, refuse_other
-from .over_scene import depth_range, errors_over_scene
+from .over_scene import depth_range, solved_between
 from .splits import MOST, logarithmic
+
+_TEXELS = Objective("storage")
+_TOGETHER = 8  # pieces in one call: all 16 and all 136 are whole numbers of these, so one program solves them
 
 
 def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = True) -> tuple[int, Float[Array, " 16"]]:
@@ -44,16 +49,22 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
     near, far = depth_range(scene)
     if not float(near) < float(far):
         return 1, jnp.zeros(MOST) + price
-    totals = []
-    for number in range(1, MOST + 1):
-        # Each piece alone: over a whole frustum all pieces need the same.
-        ends = logarithmic(near, far, number)
-        one = isinstance(view, FrustumView)
-        chosen = ends[:2] if one else ends
-        _, solutions, _ = errors_over_scene(scene, chosen[:-1], chosen, Objective("storage"), warp)
-        each = solutions.value if warp else solutions.unwarped
-        totals.append(number * each[0] if one else each.sum())
-    made = jnp.stack(totals) + price * jnp.arange(1, MOST + 1)
+    numbers = np.arange(1, MOST + 1)
+    # Each piece alone: over a whole frustum all pieces need the same.
+    pieces = [logarithmic(near, far, int(number)) for number in numbers]
+    if isinstance(view, FrustumView):
+        pieces, times = [ends[:2] for ends in pieces], numbers
+    else:
+        times = np.ones(MOST)
+    starts, ends = (jnp.concatenate([each[part] for each in pieces]) for part in (slice(None, -1), slice(1, None)))
+    settled_scene(scene, _TEXELS)
+    needed = []
+    for at in range(0, len(starts), _TOGETHER):
+        _, solutions = solved_between(scene, starts[at : at + _TOGETHER], ends[at : at + _TOGETHER], _TEXELS)
+        needed.append(solutions.value if warp else solutions.unwarped)
+    which = np.repeat(np.arange(MOST), [len(each) - 1 for each in pieces])
+    totals = times * jax.ops.segment_sum(jnp.concatenate(needed), which, MOST)
+    made = totals + price * jnp.arange(1, MOST + 1)
     return int(np.argmin(np.asarray(made))) + 1, made
 
 
