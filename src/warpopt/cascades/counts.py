@@ -11,7 +11,7 @@ from ..solve.scene import settled_scene
 from ..theory.camera import Camera, DirectionalLight
 from ..views import FrustumView, SceneView, refuse_other
 from .over_scene import depth_range, solved_between
-from .splits import MOST, logarithmic
+from .splits import MOST, even_in_the_logarithm
 
 _TEXELS = Objective("storage")
 _TOGETHER = 8  # pieces in one call: all 16 and all 136 are whole numbers of these, so one program solves them
@@ -50,20 +50,18 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
     if not float(near) < float(far):
         return 1, jnp.zeros(MOST) + price
     numbers = np.arange(1, MOST + 1)
-    # Each piece alone: over a whole frustum all pieces need the same.
-    pieces = [logarithmic(near, far, int(number)) for number in numbers]
-    if isinstance(view, FrustumView):
-        pieces, times = [ends[:2] for ends in pieces], numbers
+    if isinstance(view, FrustumView):  # over a whole frustum all pieces need the same: the first, so many times
+        of, first, times = numbers, np.zeros(MOST), numbers
     else:
-        times = np.ones(MOST)
-    starts, ends = (jnp.concatenate([each[part] for each in pieces]) for part in (slice(None, -1), slice(1, None)))
+        of, first, times = np.repeat(numbers, numbers), np.concatenate([np.arange(n) for n in numbers]), 1
+    shares = (jnp.asarray(k / of, near.dtype) for k in (first, first + 1))
+    starts, ends = (even_in_the_logarithm(near, far, share) for share in shares)
     settled_scene(scene, _TEXELS)
     needed = []
     for at in range(0, len(starts), _TOGETHER):
         _, solutions = solved_between(scene, starts[at : at + _TOGETHER], ends[at : at + _TOGETHER], _TEXELS)
         needed.append(solutions.value if warp else solutions.unwarped)
-    which = np.repeat(np.arange(MOST), [len(each) - 1 for each in pieces])
-    totals = times * jax.ops.segment_sum(jnp.concatenate(needed), which, MOST)
+    totals = times * jax.ops.segment_sum(jnp.concatenate(needed), of - 1, MOST)
     made = totals + price * jnp.arange(1, MOST + 1)
     return int(np.argmin(np.asarray(made))) + 1, made
 
