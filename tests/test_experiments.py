@@ -218,9 +218,10 @@ def test_every_mutation_has_its_place(script):
 
 
 def test_pixels_are_measured_and_written_into_pages(tmp_path, main, script, monkeypatch):
-    """Two small frames of each real model: every table is there, and a second call resumes."""
+    """A small frame of each real model: every table is there, and a second call resumes."""
     pytest.importorskip("embreex")
     monkeypatch.setattr(script("pixels"), "OBJECTIVES", ("p-inf", "edge", "band"))  # each takes seconds to compile
+    monkeypatch.setattr(script("pixels"), "ENGINE", ("none", "lispsm", "p-inf"))
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- pixels -->\nold\n<!-- end pixels -->\nafter\n")
     arguments = ["--short", "--directory", str(tmp_path), "--page", str(page), "--readme", str(page)]
@@ -228,6 +229,7 @@ def test_pixels_are_measured_and_written_into_pages(tmp_path, main, script, monk
     records = json.loads((tmp_path / "pixels.json").read_text())
     frames = [frame for each in records.values() for frame in each]
     assert {frame["scene"] for frame in frames} == {"hand.glb", "controller.glb"}
+    assert len(frames) == 2
     for frame in frames:
         assert frame["footprint"] < 1e-3  # the bar; it holds to rounding
         assert frame["fine"] < frame["error"]["none"]["wrong"] + 1 / frame["judged"]
