@@ -42,7 +42,7 @@ SHOWN = {
 }  # fmt: skip
 """Of the animation, with their titles."""
 LONG = (("city", "look"), ("hills", "walk"))
-SHORT_METHODS = ("none", "lispsm", "sphere", "window-none", "window-p-inf")
+SHORT_METHODS = ("none", "lispsm", "sphere", "window-p-inf")
 LONG_METHODS = (
     "none", "lispsm", "turned-edge", "sphere", "sphere-receivers", "window-none", "window-turned-edge",
 )  # fmt: skip

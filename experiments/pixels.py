@@ -132,7 +132,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--directory", type=Path, default=Path("runs/pixels"))
     parser.add_argument("--count", type=int, default=3, help="frames of each scene in each class of theta")
     parser.add_argument("--scenes", nargs="+", default=SCENES, choices=SCENES, help="some of the scenes only")
-    parser.add_argument("--short", action="store_true", help="two small frames of two scenes")
+    parser.add_argument("--short", action="store_true", help="a small frame of two scenes")
     parser.add_argument("--page", type=Path, help="write the tables into this page")
     parser.add_argument("--images", type=Path, help="write the pictures into this folder")
     parser.add_argument("--readme", type=Path, help="write the headline into this page")
@@ -147,7 +147,7 @@ def main(arguments: list[str] | None = None) -> int:
         start, mine = time.perf_counter(), []
         for drawn in draw(name, 1 if asked.short else asked.count, width, height):
             mine.append(record(drawn, len(mine)))
-            if asked.short and len(mine) == 2:
+            if asked.short:
                 break
         records[name] = mine
         part = kept.with_suffix(".part")

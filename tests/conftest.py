@@ -9,6 +9,7 @@ that are named in `LANES` alone.
 """
 
 import atexit
+import functools
 import gc
 import os
 import shutil
@@ -55,6 +56,13 @@ if LANE != "default-xla":
 import jax
 
 jax.config.update("jax_enable_x64", LANE != "single")
+if LANE != "default-xla":
+    # JAX makes a context of MLIR for each program, and registers hundreds of operations in it: a third of the time of
+    # a small one, of which there are thousands. Programs can share one. It has no public name; elsewhere each has its own.
+    from jax._src.interpreters import mlir
+
+    if hasattr(mlir, "make_ir_context"):
+        mlir.make_ir_context = functools.cache(mlir.make_ir_context)
 # What JAX compiles is kept for the whole session: looking through all of it for garbage again and again took a sixth
 # of the time.
 gc.collect()

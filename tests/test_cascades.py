@@ -114,8 +114,9 @@ def test_means_have_other_splits(metric, measure, degrees, lost, at):
     np.testing.assert_allclose(best.splits[1:-1], at, rtol=6e-3)
     assert np.isnan(best.lower)
     assert "not proved" in best.lower_because
-    one = cascades.plan(view, 1, objective).value
-    np.testing.assert_allclose(one, warpopt.optimal_warp(view, objective).value, rtol=1e-12)
+    if (metric, measure) == ("p", "screen"):  # once: one cascade looks at no split
+        one = cascades.plan(view, 1, objective).value
+        np.testing.assert_allclose(one, warpopt.optimal_warp(view, objective).value, rtol=1e-12)
 
 
 def sets_of_points(count: int, size: int):
@@ -128,7 +129,7 @@ def sets_of_points(count: int, size: int):
 
 @pytest.mark.parametrize("name", ["p", "storage"])
 def test_plans_over_receivers_are_those_of_exhaustive_search(name):
-    """200 sets of eight points, every split between them, each interval solved as receivers of its own."""
+    """80 sets of eight points, every split between them, each interval solved as receivers of its own."""
     objective, size = Objective(name), 8
     spans = [(i, j) for i in range(size) for j in range(i + 1, size + 1)]
     # Points outside of an interval are put onto its first one.
@@ -142,7 +143,7 @@ def test_plans_over_receivers_are_those_of_exhaustive_search(name):
         return solution.value, solution.footprint.axis
 
     proved = 0
-    for points in sets_of_points(200, size):
+    for points in sets_of_points(80, size):
         values, _ = alone(points[index])
         table = dict(zip(spans, np.asarray(values), strict=True))
         least = min(max(table[0, i], table[i, j], table[j, size]) for i in range(1, size) for j in range(i + 1, size))
@@ -151,7 +152,7 @@ def test_plans_over_receivers_are_those_of_exhaustive_search(name):
         if np.isfinite(made.lower):
             proved += 1
             assert float(made.lower) <= least * (1 + 1e-9)
-    assert proved > 20
+    assert proved > 8
 
 
 def test_inclusion():

@@ -36,7 +36,7 @@ def main(script):
 
 
 def test_stability_meets_every_target_on_a_slice(tmp_path, main):
-    arguments = ["--draws", "300", "--references", "9", "--points", "24", "--objectives", "1", "--processes", "1"]
+    arguments = ["--draws", "100", "--references", "5", "--points", "12", "--objectives", "1", "--processes", "1"]
     main("stability", *arguments, "--directory", str(tmp_path))
     summary = json.loads((tmp_path / "stability.json").read_text())
     assert summary["defects"] == []
@@ -218,9 +218,10 @@ def test_every_mutation_has_its_place(script):
 
 
 def test_pixels_are_measured_and_written_into_pages(tmp_path, main, script, monkeypatch):
-    """Two small frames of each real model: every table is there, and a second call resumes."""
+    """A small frame of each real model: every table is there, and a second call resumes."""
     pytest.importorskip("embreex")
     monkeypatch.setattr(script("pixels"), "OBJECTIVES", ("p-inf", "edge", "band"))  # each takes seconds to compile
+    monkeypatch.setattr(script("pixels"), "ENGINE", ("none", "lispsm", "p-inf"))
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- pixels -->\nold\n<!-- end pixels -->\nafter\n")
     arguments = ["--short", "--directory", str(tmp_path), "--page", str(page), "--readme", str(page)]
@@ -228,6 +229,7 @@ def test_pixels_are_measured_and_written_into_pages(tmp_path, main, script, monk
     records = json.loads((tmp_path / "pixels.json").read_text())
     frames = [frame for each in records.values() for frame in each]
     assert {frame["scene"] for frame in frames} == {"hand.glb", "controller.glb"}
+    assert len(frames) == 2
     for frame in frames:
         assert frame["footprint"] < 1e-3  # the bar; it holds to rounding
         assert frame["fine"] < frame["error"]["none"]["wrong"] + 1 / frame["judged"]
@@ -254,7 +256,7 @@ def test_flicker_is_measured(tmp_path, main):
     (told,) = json.loads((tmp_path / "flicker.json").read_text()).values()
     assert told["sphere"]["flipped"] == 0
     assert told["none"]["flipped"] + told["lispsm"]["flipped"] > 0
-    assert told["window-none"]["between"] == told["window-p-inf"]["between"] == 0
+    assert told["window-p-inf"]["between"] == 0
     assert "snapped" in (tmp_path / "flicker.md").read_text()
     for name in ("flicker.gif", "stability.png"):
         assert (tmp_path / name).stat().st_size > 1000

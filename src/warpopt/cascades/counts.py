@@ -1,15 +1,20 @@
 """How many cascades are worth their price."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._checks import Numbers, checked, float_arrays
 from ..objective import Objective
+from ..solve.scene import settled_scene
 from ..theory.camera import Camera, DirectionalLight
 from ..views import FrustumView, SceneView, refuse_other
-from .over_scene import depth_range, errors_over_scene
-from .splits import MOST, logarithmic
+from .over_scene import depth_range, solved_between
+from .splits import MOST, even_in_the_logarithm
+
+_TEXELS = Objective("storage")
+_TOGETHER = 8  # pieces in one call: all 16 and all 136 are whole numbers of these, so one program solves them
 
 
 def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = True) -> tuple[int, Float[Array, " 16"]]:
@@ -44,16 +49,20 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
     near, far = depth_range(scene)
     if not float(near) < float(far):
         return 1, jnp.zeros(MOST) + price
-    totals = []
-    for number in range(1, MOST + 1):
-        # Each piece alone: over a whole frustum all pieces need the same.
-        ends = logarithmic(near, far, number)
-        one = isinstance(view, FrustumView)
-        chosen = ends[:2] if one else ends
-        _, solutions, _ = errors_over_scene(scene, chosen[:-1], chosen, Objective("storage"), warp)
-        each = solutions.value if warp else solutions.unwarped
-        totals.append(number * each[0] if one else each.sum())
-    made = jnp.stack(totals) + price * jnp.arange(1, MOST + 1)
+    numbers = np.arange(1, MOST + 1)
+    if isinstance(view, FrustumView):  # over a whole frustum all pieces need the same: the first, so many times
+        of, first, times = numbers, np.zeros(MOST), numbers
+    else:
+        of, first, times = np.repeat(numbers, numbers), np.concatenate([np.arange(n) for n in numbers]), 1
+    shares = (jnp.asarray(k / of, near.dtype) for k in (first, first + 1))
+    starts, ends = (even_in_the_logarithm(near, far, share) for share in shares)
+    settled_scene(scene, _TEXELS)
+    needed = []
+    for at in range(0, len(starts), _TOGETHER):
+        _, solutions = solved_between(scene, starts[at : at + _TOGETHER], ends[at : at + _TOGETHER], _TEXELS)
+        needed.append(solutions.value if warp else solutions.unwarped)
+    totals = times * jax.ops.segment_sum(jnp.concatenate(needed), of - 1, MOST)
+    made = totals + price * jnp.arange(1, MOST + 1)
     return int(np.argmin(np.asarray(made))) + 1, made
 
 

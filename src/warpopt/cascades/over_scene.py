@@ -68,15 +68,21 @@ def errors_over_scene(
 ) -> tuple[SceneView, SceneSolution, Array | None]:
     """(each cascade's view, its solution, each one's part of all weights for a mean), stacked."""
     settled_scene(view, objective)
-    ends = splits[1:]
-    views = _views(view, starts, ends)
-    solutions = _solved(views, objective)
+    views, solutions = solved_between(view, starts, splits[1:], objective)
     mass = None
     if not objective.supremum:
         mass = _masses(view, splits, objective)
     if view.searched:
         views = jax.vmap(lambda v, s: v.along(s))(views, solutions)
     return views, solutions, mass
+
+
+def solved_between(
+    view: SceneView, starts: Array, ends: Array, objective: Objective
+) -> tuple[SceneView, SceneSolution]:
+    """(the view of each range of depths, its solution), stacked."""
+    views = _views(view, starts, ends)
+    return views, _solved(views, objective)
 
 
 @jax.jit
@@ -177,9 +183,6 @@ def _equalised(view: SceneView, ends: Array, scale: Array, overlap: float, objec
         _, (at, found) = jax.lax.scan(one, jnp.zeros((), jnp.int32), jnp.arange(count, dtype=jnp.int32))
         return at, found.max()
 
-    top = _error(view, ends[0], ends[1], objective, warp) / scale.min() * (1 + 1e-9)
-    whole, most = greedy(top)
-
     def narrower(state):
         low, high, at, step = state
         middle = jnp.where(low > 0, jnp.sqrt(low) * jnp.sqrt(high), high / 16)
@@ -191,9 +194,11 @@ def _equalised(view: SceneView, ends: Array, scale: Array, overlap: float, objec
 
     def wide(state):
         low, high, _, step = state
-        return (step < _STEPS) & (high > low * (1 + close)) & (high > 0)
+        return (step <= _STEPS) & (high > low * (1 + close)) & (high > 0)
 
-    state = jnp.zeros_like(top), most, whole, jnp.zeros((), jnp.int32)
+    # The first level is inf, which one cascade attains, in the loop itself: so the solve is compiled once.
+    zero = jnp.zeros((), ends.dtype)
+    state = zero, jnp.full_like(zero, jnp.inf), jnp.full(count, last, jnp.int32), jnp.zeros((), jnp.int32)
     _, _, at, _ = jax.lax.while_loop(wide, narrower, state)
     return jnp.concatenate([ends[:1], depths[at[:-1]], ends[1:]])
 

@@ -39,7 +39,13 @@ def logarithmic(near: Numbers, far: Numbers, count: int) -> Float[Array, "... K+
         >>> [round(float(z), 9) for z in logarithmic(1.0, 16.0, 4)]
         [1.0, 2.0, 4.0, 8.0, 16.0]
     """
-    near, far, share = _checked(near, far, count)
+    return even_in_the_logarithm(*_checked(near, far, count))
+
+
+def even_in_the_logarithm(
+    near: Float[Array, "..."], far: Float[Array, "..."], share: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """The depth at a share of the way from near to far."""
     made = near * jnp.exp(jnp.log1p((far - near) / near) * share)
     return jnp.where(share == 1, far, made)  # its very end, without rounding
 
