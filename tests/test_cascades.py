@@ -224,7 +224,18 @@ def test_storage_over_the_bound(maps, told):
     bound = float(warpopt.lower_bound(scene, Objective("storage")))
     for warp, ratio in zip((True, False), told, strict=True):
         if ratio:
-            assert float(cascades.count(view, warp=warp)[1][maps - 1]) / bound == pytest.approx(ratio, rel=0.01)
+            totals = cascades.count(view, warp=warp)[1]
+            assert float(totals[maps - 1]) / bound == pytest.approx(ratio, rel=0.01)
+
+
+def test_maps_of_a_scene_are_counted_with_what_each_holds():
+    """Eight of them: the sum of the errors of the logarithmic split, and the price."""
+    points = next(sets_of_points(1, 8))
+    view, objective = SceneView(CAMERA, LIGHT, PointReceivers(points)), Objective("storage")
+    totals = cascades.count(view, 0.25)[1]
+    z = np.asarray(CAMERA.to_eye(points))[:, 2]
+    each = cascades.errors(view, splits.logarithmic(z.min(), z.max(), 8), objective).errors
+    assert float(totals[7]) == pytest.approx(float(each.sum()) + 8 * 0.25, rel=1e-9)
 
 
 def test_gradients_are_those_of_the_optimum():
