@@ -57,8 +57,8 @@ import jax
 
 jax.config.update("jax_enable_x64", LANE != "single")
 if LANE != "default-xla":
-    # JAX makes a context of MLIR for each program, and registers hundreds of operations in it: a third of the time of
-    # a small one, of which there are thousands. Programs can share one. It has no public name; elsewhere each has its own.
+    # JAX makes a context of MLIR for each program, and registers hundreds of operations in it: a quarter of the time of
+    # a small one, of which there are thousands. They can share one. It has no public name: a JAX without it makes many.
     from jax._src.interpreters import mlir
 
     if hasattr(mlir, "make_ir_context"):

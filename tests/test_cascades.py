@@ -230,7 +230,18 @@ def test_storage_over_the_bound(maps, told):
     bound = float(warpopt.lower_bound(scene, Objective("storage")))
     for warp, ratio in zip((True, False), told, strict=True):
         if ratio:
-            assert float(cascades.count(view, warp=warp)[1][maps - 1]) / bound == pytest.approx(ratio, rel=0.01)
+            totals = cascades.count(view, warp=warp)[1]
+            assert float(totals[maps - 1]) / bound == pytest.approx(ratio, rel=0.01)
+
+
+def test_maps_of_a_scene_are_counted_with_what_each_holds():
+    """Eight of them: the sum of the errors of the logarithmic split, and the price."""
+    points = next(sets_of_points(1, 8))
+    view, objective = SceneView(CAMERA, LIGHT, PointReceivers(points)), Objective("storage")
+    totals = cascades.count(view, 0.25)[1]
+    z = np.asarray(CAMERA.to_eye(points))[:, 2]
+    each = cascades.errors(view, splits.logarithmic(z.min(), z.max(), 8), objective).errors
+    assert float(totals[7]) == pytest.approx(float(each.sum()) + 8 * 0.25, rel=1e-9)
 
 
 def test_gradients_are_those_of_the_optimum():
@@ -245,6 +256,7 @@ def test_gradients_are_those_of_the_optimum():
 
 
 VIEW = view_of(1.0)
+ENDLESS = SceneView(warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=np.inf, half_fov=0.6), LIGHT)
 
 
 @pytest.mark.parametrize(
@@ -261,6 +273,7 @@ VIEW = view_of(1.0)
         (lambda: cascades.errors(VIEW, [1.0, 50, 900]), "a last depth"),
         (lambda: cascades.errors(VIEW, [1.0, np.nan, 1000]), "splits"),
         (lambda: cascades.plan(VIEW, 2).matrices(), "FrustumView"), (lambda: cascades.count(VIEW, -1), "price"),
+        (lambda: cascades.count(ENDLESS), "far: got inf"),
         (lambda: splits.uniform(1.0, np.inf, 2), "far"), (lambda: splits.godot(0.1, 9.0, 3), "count: got 3"),
         (lambda: splits.fractions(20.0, 100.0, (0.1, 0.2)), "shares"), (lambda: splits.bevy(0.1, 9.0), "first"),
         (lambda: splits.practical(1.0, 9.0, 2, 2.0), "weight"), (lambda: splits.unreal(1.0, 9.0, 2, 0.5), "exponent"),

@@ -424,7 +424,7 @@ def test_what_is_weighed_zero_must_still_fit():
     far = np.array([[30.0, 0.0, -100.0], [-30.0, 2.0, -100.0]])
     light = (0.2, -1, -0.3)
     weights = [1.0, 1.0, 0.0, 0.0]
-    both, only = view_of(np.concatenate([near, far]), weights, light), view_of(np.concatenate([near] * 2), weights, light)
+    both, only = (view_of(np.concatenate([near, other]), weights, light) for other in (far, near))
     for objective in (Objective("p", "l2"), Objective("q", "l2")):
         solution, alone = optimal_warp(both, objective), optimal_warp(only, objective)
         assert solution.warp.mu > 50 * alone.warp.mu

@@ -11,7 +11,7 @@ from ..solve.scene import settled_scene
 from ..theory.camera import Camera, DirectionalLight
 from ..views import FrustumView, SceneView, refuse_other
 from .over_scene import depth_range, solved_between
-from .splits import MOST, even_in_the_logarithm
+from .splits import MOST, even_in_the_logarithm, logarithmic
 
 _TEXELS = Objective("storage")
 _TOGETHER = 8  # pieces in one call: all 16 and all 136 are whole numbers of these, so one program solves them
@@ -49,6 +49,7 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
     near, far = depth_range(scene)
     if not float(near) < float(far):
         return 1, jnp.zeros(MOST) + price
+    near, far = logarithmic(near, far, 1)  # which refuses an endless range
     numbers = np.arange(1, MOST + 1)
     if isinstance(view, FrustumView):  # over a whole frustum all pieces need the same: the first, so many times
         of, first, times = numbers, np.zeros(MOST), numbers
@@ -61,7 +62,7 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
     for at in range(0, len(starts), _TOGETHER):
         _, solutions = solved_between(scene, starts[at : at + _TOGETHER], ends[at : at + _TOGETHER], _TEXELS)
         needed.append(solutions.value if warp else solutions.unwarped)
-    totals = times * jax.ops.segment_sum(jnp.concatenate(needed), of - 1, MOST)
+    totals = jnp.asarray(times) * jax.ops.segment_sum(jnp.concatenate(needed), of - 1, MOST)
     made = totals + price * jnp.arange(1, MOST + 1)
     return int(np.argmin(np.asarray(made))) + 1, made
 
