@@ -170,7 +170,7 @@ class LambdaTable(eqx.Module):
     def _within(self, name: str, value):
         """Where a value lies within the axis, up to rounding of the mirroring and of the axis; a single row's is so."""
         low, high = self._ends(name)
-        slack = 4 * float(np.finfo(value.dtype).eps)
+        slack = 4 * float(np.finfo(np.float32).eps)  # a table's axes are kept in single precision, like its rows
         if name == "theta":
             folded = math.pi / 2 - abs(value - math.pi / 2)
             return (folded >= low - slack) & (folded <= high + slack)
