@@ -230,7 +230,7 @@ def main(arguments: list[str] | None = None) -> int:
         told, strips = record(kind, motion, frames, size, names)
         records[key] = records.get(key, {}) | told
         print(key, flush=True)
-        if (kind, motion, frames) == ("corridor", "walk", count) and asked.images and set(SHOWN) <= set(strips):
+        if (kind, motion, frames) == ("corridor", "walk", count) and asked.images and not asked.renew:
             animated(strips, asked.images / "flicker.gif")
         kept.with_suffix(".part").write_text(json.dumps(records))
         kept.with_suffix(".part").replace(kept)

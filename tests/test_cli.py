@@ -15,6 +15,7 @@ import pytest
 
 import warpopt
 from warpopt.app import cli
+from warpopt.app.cascades.settings import CascadesConfig
 from warpopt.app.common import output
 from warpopt.app.common.settings import ConfigError, read_config
 from warpopt.app.compare.settings import CompareConfig, SceneCompareConfig
@@ -134,6 +135,8 @@ def test_shipped_configs_are_valid_and_say_what_they_answer(name):
     )
     if "[rules]" in text:
         model = SceneCompareConfig if "[camera]" in text else CompareConfig
+    if "[cascades]" in text:
+        model = CascadesConfig
     assert isinstance(read_config(CONFIGS / name, [], model), model)
     first = text.split("\n[")[0]
     assert first.startswith("# ")

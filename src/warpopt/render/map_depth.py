@@ -68,7 +68,9 @@ def map_depth(
     # From the first receiver: numbers of the receivers' own size.
     start, end = (jnp.where(there, v - first, 0) for v in (sides.light_least, sides.light_largest))
     blends = jnp.stack([depth.blend(eta) for depth in (sides.depth, sides.farthest)])
-    height = jnp.where(last > first, last - first, footprint.mu)
+    # Receivers in one plane across the light, up to rounding of their own coordinates, have no extent to lose.
+    rounding = 64 * jnp.finfo(first.dtype).eps * jnp.maximum(jnp.abs(first), jnp.abs(last))
+    height = jnp.where(last - first > rounding, last - first, footprint.mu)
     nearest, above, extent = None, jnp.zeros_like(first), jnp.ones_like(first)
     if casters is not None:
         nearest = nearest_of(casters, camera, Prism.of(footprint, frame, first, height))
@@ -92,6 +94,9 @@ def map_depth(
         return (largest - least) - _FOR_SHARE * (largest - own)
 
     reference, least, largest, own = range_at(_best_fraction(cost, first.dtype))
+    # What is left of one depth is rounding, which must not become the whole of the map's.
+    one = largest - least <= rounding / blends.min()
+    least, own = (jnp.where(one, largest - footprint.mu, v) for v in (least, own))
     return MapDepth(first + reference, least, largest, own, extent)
 
 
