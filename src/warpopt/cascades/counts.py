@@ -46,6 +46,7 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
         raise ValueError(f"price: got shape {price.shape}, expected one number")
     price = checked("price", price, lambda v: (v >= 0) & (v < jnp.inf), "a finite number >= 0")
     scene = in_world(view) if isinstance(view, FrustumView) else view
+    settled_scene(scene, _TEXELS)  # refuses a ground that is seen to its horizon
     near, far = depth_range(scene)
     if not float(near) < float(far):
         return 1, jnp.zeros(MOST) + price
@@ -57,7 +58,6 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
         of, first, times = np.repeat(numbers, numbers), np.concatenate([np.arange(n) for n in numbers]), 1
     shares = (jnp.asarray(k / of, near.dtype) for k in (first, first + 1))
     starts, ends = (even_in_the_logarithm(near, far, share) for share in shares)
-    settled_scene(scene, _TEXELS)
     needed = []
     for at in range(0, len(starts), _TOGETHER):
         _, solutions = solved_between(scene, starts[at : at + _TOGETHER], ends[at : at + _TOGETHER], _TEXELS)
