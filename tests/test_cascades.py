@@ -256,7 +256,7 @@ def test_gradients_are_those_of_the_optimum():
 
 
 VIEW = view_of(1.0)
-ENDLESS = SceneView(
+HORIZON = SceneView(
     warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), 0.1, np.inf, 0.5),
     LIGHT,
     warpopt.receivers.GroundPlane((0, 1, 0), 0),
@@ -278,8 +278,8 @@ ENDLESS = SceneView(warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, f
         (lambda: cascades.errors(VIEW, [1.0, 50, 900]), "a last depth"),
         (lambda: cascades.errors(VIEW, [1.0, np.nan, 1000]), "splits"),
         (lambda: cascades.plan(VIEW, 2).matrices(), "FrustumView"), (lambda: cascades.count(VIEW, -1), "price"),
-        (lambda: cascades.count(ENDLESS), "far: got inf"),
-        (lambda: cascades.count(ENDLESS), "expected a finite far"),
+        (lambda: cascades.count(ENDLESS), "got far = inf with the whole frustum"),
+        (lambda: cascades.count(HORIZON), "sees to its horizon"),
         (lambda: splits.uniform(1.0, np.inf, 2), "far"), (lambda: splits.godot(0.1, 9.0, 3), "count: got 3"),
         (lambda: splits.fractions(20.0, 100.0, (0.1, 0.2)), "shares"), (lambda: splits.bevy(0.1, 9.0), "first"),
         (lambda: splits.practical(1.0, 9.0, 2, 2.0), "weight"), (lambda: splits.unreal(1.0, 9.0, 2, 0.5), "exponent"),
