@@ -216,6 +216,13 @@ class Objective:
         return degree == round(degree) and degree <= MOST_MOMENTS
 
     @property
+    def resolution_power(self) -> float:
+        """The error falls with this power of a map's linear resolution: r of its terms, 2 of "storage", 1 of a size."""
+        if self.storage:
+            return 2.0
+        return self.terms[0].depth_power if self.terms else 1.0
+
+    @property
     def has_alpha(self) -> bool:
         """Whether some term grows as eta falls, so that only the dtype limits eta from below."""
         return any(term.alpha for term in self.terms)

@@ -20,6 +20,12 @@ _GRID, _ZOOM, _ZOOMS = 96, 8, 8  # depths tried at first; each zoom has so many 
 _STEPS = 60  # of bisection: to the last bit
 
 
+def ends_of(view: FrustumView) -> tuple[Array, Array]:
+    """(near, far) in the view's shape."""
+    near, far, _ = jnp.broadcast_arrays(view.frustum.near, view.frustum.far, view.theta)
+    return near, far
+
+
 def pieces(view: FrustumView, starts: Array, ends: Array) -> tuple[ViewFrustum, Array]:
     """(the pieces as frusta, the light's angle), with a last axis for cascades."""
     phi, theta, starts = jnp.broadcast_arrays(view.frustum.half_fov[..., None], view.theta[..., None], starts)
@@ -35,8 +41,7 @@ def errors_over_frusta(
     solution = in_blocks(solve_frusta, (frustum, theta), objective, Method())
     if warp:
         return jnp.where(there, solution.value, 0), solution.warp
-    one = jnp.ones_like(solution.warp.eta)
-    plain = Warp(one, 0 * one, solution.warp.start, solution.warp.mu, solution.warp.defined)
+    plain = solution.warp.unwarped
     values, _ = in_blocks(norms_over_frusta, (frustum, theta, plain), objective, Method())
     return jnp.where(there, values, 0), plain
 
@@ -64,10 +69,9 @@ def splits_of_shares(
 
 @functools.partial(jax.jit, static_argnames=("objective", "warp"))
 def _balanced(view: FrustumView, shares: Array, overlap: Array | float, objective: Objective, warp: bool) -> Array:
-    near, far = jnp.broadcast_arrays(view.frustum.near, view.frustum.far, view.theta)[:2]
+    near, far = ends_of(view)
     whole = jnp.log(far / near) - (len(shares) - 1) * jnp.log1p(-overlap)
-    power = objective.metric.alpha + objective.metric.beta
-    scale = shares.astype(near.dtype) ** power
+    scale = shares.astype(near.dtype) ** objective.resolution_power
     fixed = FrustumView(ViewFrustum(jnp.ones_like(near), 2 * jnp.ones_like(near), view.frustum.half_fov), view.theta)
 
     def error(u: Array) -> Array:  # (..., K): of a piece of ratio exp(u)
@@ -110,9 +114,8 @@ def splits_of_means(
     Over a grid of depths that is even in log z the best chain of cascades is found, then again over finer grids about
     it. That no better chain lies elsewhere is not proved (theory2's Theorem 7 is a necessary condition).
     """
-    near, far = jnp.broadcast_arrays(view.frustum.near, view.frustum.far, view.theta)[:2]
-    power = objective.metric.alpha + objective.metric.beta
-    weights = jnp.asarray(shares, near.dtype) ** (-power * objective.order)
+    near, far = ends_of(view)
+    weights = jnp.asarray(shares, near.dtype) ** (-objective.resolution_power * objective.order)
     low = jnp.broadcast_to(near[..., None], (*near.shape, len(shares) - 1))
     high, found = jnp.broadcast_to(far[..., None], low.shape), low
     for points in (_GRID, *[2 * _ZOOM + 1] * _ZOOMS):
@@ -126,7 +129,7 @@ def _chain(
     warp: bool, points: int,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """(the depths on a grid beside the best ones, below and above; the best chain of depths) between two chains."""
-    near, far = jnp.broadcast_arrays(view.frustum.near, view.frustum.far, view.theta)[:2]
+    near, far = ends_of(view)
     P = objective.order
 
     def cost(a: Array, b: Array, k: Array) -> Array:

@@ -25,7 +25,6 @@ from ..solve.solution import SceneSolution
 from ..views import SceneView, one_light
 from .chain import best_chain, between
 
-_MIN_ETA = 1e-4
 _STEPS = 48  # of bisection over the common error: its interval shrinks to rounding
 _POINTS = 17  # depths that each split may have, even in the logarithm: of the whole range, then of two steps of it
 _ROUNDS = 4
@@ -93,7 +92,7 @@ def _views(view: SceneView, starts: Array, ends: Array) -> SceneView:
 @functools.partial(jax.jit, static_argnames=("objective",))
 def _solved(views: SceneView, objective: Objective) -> SceneSolution:
     # One after the other: a pass over many receivers uses all cores.
-    return jax.lax.map(lambda v: solve_scene(v, objective, jnp.asarray(_MIN_ETA, v.camera.near.dtype)), views)
+    return jax.lax.map(lambda v: solve_scene(v, objective), views)
 
 
 @functools.partial(jax.jit, static_argnames=("objective",))
@@ -106,21 +105,22 @@ def _masses(view: SceneView, splits: Array, objective: Objective) -> Array:
 
 
 def splits_of_scene(
-    view: SceneView, count: int, objective: Objective, shares: np.ndarray, overlap: float, warp: bool
-) -> Float[Array, " K1"]:
-    """The splits of least error; the receivers' range for one cascade, all at its end for empty ones."""
+    view: SceneView, extent: tuple[Array, Array], count: int, objective: Objective, shares: np.ndarray, overlap: float,
+    warp: bool,
+) -> Float[Array, " K1"]:  # fmt: skip
+    """The splits of least error; the receivers' range for one cascade, all at its end for empty ones.
+
+    `extent` is the view's `depth_range`.
+    """
     settled_scene(view, objective)
-    least, largest = depth_range(view)
+    least, largest = extent
     if not float(least) <= float(largest):  # no receivers: nothing to split
         near, far = view.camera.near, view.camera.far
         return jnp.stack([near, *[jnp.where(jnp.isfinite(far), far, 2 * near)] * count])
     ends = jnp.stack([least, largest])
     if count == 1 or float(least) == float(largest):
         return jnp.concatenate([ends[:1], jnp.broadcast_to(ends[1], count)])
-    power = 2.0 if objective.storage else 1.0
-    if objective.terms and not objective.storage:
-        power = objective.terms[0].alpha + objective.terms[0].beta
-    scale = jnp.asarray(shares**power, ends.dtype)
+    scale = jnp.asarray(shares**objective.resolution_power, ends.dtype)
     fixed = _fixed(view, objective)
     if objective.supremum:
         return _equalised(fixed, ends, scale, overlap, objective, warp)
@@ -131,13 +131,13 @@ def splits_of_scene(
 def _fixed(view: SceneView, objective: Objective) -> SceneView:
     """The view over few receivers, along one direction for all cascades."""
     if view.searched:
-        view = view.along(solve_scene(view, objective, jnp.asarray(_MIN_ETA, view.camera.near.dtype)))
+        view = view.along(solve_scene(view, objective))
     receivers = view.receivers.sketch(view.camera, objective)
     return eqx.tree_at(lambda v: v.receivers, view, receivers)
 
 
 def _error(view: SceneView, near: Array, far: Array, objective: Objective, warp: bool) -> Array:
-    solution = solve_scene(within(view, near, far), objective, jnp.asarray(_MIN_ETA, near.dtype))
+    solution = solve_scene(within(view, near, far), objective)
     return solution.value if warp else solution.unwarped
 
 

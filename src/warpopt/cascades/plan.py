@@ -15,7 +15,7 @@ from ..render.shadow_matrix import ClipSpace, shadow_matrix
 from ..solve.solution import SceneSolution
 from ..theory.warp import Warp
 from ..views import FrustumView, SceneView, refuse_other
-from .over_frustum import errors_over_frusta, masses, splits_of_means, splits_of_shares
+from .over_frustum import ends_of, errors_over_frusta, masses, splits_of_means, splits_of_shares
 from .over_scene import depth_range, errors_over_scene, splits_of_scene
 from .splits import MOST, logarithmic
 
@@ -112,7 +112,7 @@ def plan(
     """
     goal, band, parts = _checked(view, count, objective, overlap, shares, warp)
     if isinstance(view, FrustumView):
-        near, far = _ends(view)
+        near, far = ends_of(view)
         _refuse_thin(near, far, band)
         if count > 1 and not goal.supremum:
             made = splits_of_means(view, goal, parts, band, warp)
@@ -128,7 +128,7 @@ def plan(
         least, largest = depth_range(view)
         if float(least) < float(largest):
             _refuse_thin(least, largest, band)
-        made = splits_of_scene(view, count, goal, parts, band, warp)
+        made = splits_of_scene(view, (least, largest), count, goal, parts, band, warp)
     return errors(view, made, goal, overlap=band, shares=parts, warp=warp)
 
 
@@ -169,7 +169,7 @@ def errors(
     goal, band, parts = _checked(view, count, objective, overlap, shares, warp)
     starts = jnp.concatenate([splits[..., :1], splits[..., 1:-1] * (1 - band)], -1)
     if isinstance(view, FrustumView):
-        near, far = _ends(view)
+        near, far = ends_of(view)
         _refuse_outside(splits, near, far)
         starts = jnp.maximum(starts, splits[..., :1])
         each, warps = errors_over_frusta(view, starts, splits[..., 1:], goal, warp)
@@ -183,7 +183,7 @@ def errors(
     views, solutions, mass = errors_over_scene(view, starts, splits, goal, warp)
     warps = solutions.warp
     if not warp:
-        warps = Warp(jnp.ones_like(warps.eta), jnp.zeros_like(warps.eta), warps.start, warps.mu, warps.defined)
+        warps = warps.unwarped
         solutions = eqx.tree_at(lambda s: s.warp, solutions, warps)
     each = solutions.value if warp else solutions.unwarped
     aside = view.lateral != "free" and bool((solutions.footprint.axis != 0).any())
@@ -201,9 +201,7 @@ _MEANS = "not proved for a mean over the receivers"
 
 def _assembled(splits, starts, warps, each, objective, shares, mass, why, views, solutions) -> Plan:
     """Errors over shares, the value, and the certificate."""
-    power = objective.terms[0].alpha + objective.terms[0].beta if objective.terms else 1.0
-    power = 2.0 if objective.storage else power
-    over = each / (jnp.asarray(shares, each.dtype) ** power)
+    over = each / (jnp.asarray(shares, each.dtype) ** objective.resolution_power)
     if mass is not None:
         # One measure for all cascades: a mean in each would change with the split.
         P = objective.order
@@ -237,11 +235,6 @@ def _checked(
         raise ValueError(f"shares: got shape {shares.shape}, expected ({count},), one for each cascade")
     shares = checked("shares", shares, lambda v: (v > 0) & (v < jnp.inf), "finite numbers > 0")
     return objective, overlap, np.asarray(shares)
-
-
-def _ends(view: FrustumView) -> tuple[Array, Array]:
-    near, far, _ = jnp.broadcast_arrays(view.frustum.near, view.frustum.far, view.theta)
-    return near, far
 
 
 def _refuse_thin(near: Array, far: Array, overlap: float) -> None:

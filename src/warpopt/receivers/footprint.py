@@ -43,6 +43,11 @@ class Sides(eqx.Module):
     # (least, largest) x - axis of each group, for a free fit; inf, -inf for empty groups. None: -left and right.
     signed: tuple[Float[Array, " K"], Float[Array, " K"]] | None = None
 
+    @property
+    def across(self) -> tuple[Float[Array, " K"], Float[Array, " K"]]:
+        """(least, largest) x - axis of each group: `signed` where it is known."""
+        return (-self.left, self.right) if self.signed is None else self.signed
+
 
 class FreeFit(eqx.Module):
     """The convex hull of receivers in (delta, x - axis), for a map whose axis may lie anywhere (theory2's Theorem 8b).

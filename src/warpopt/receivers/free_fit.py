@@ -24,7 +24,7 @@ def freed(footprint: Footprint) -> Footprint:
     extents along the light alone.
     """
     sides = footprint.sides
-    least, largest = (-sides.left, sides.right) if sides.signed is None else sides.signed
+    least, largest = sides.across
     there = largest >= least
     # A group is a rectangle in (delta, x): both its ends count.
     depth = LightDepth(*(jnp.concatenate(pair) for pair in zip(sides.depth, sides.farthest, strict=True)))

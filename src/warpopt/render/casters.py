@@ -76,7 +76,7 @@ class Prism(NamedTuple):
     def of(cls, footprint: Footprint, frame: LightFrame, reference: Array, height: Array) -> "Prism":
         """About a light depth (`reference`), with a unit of length along the light."""
         sides = footprint.sides
-        least, largest = (-sides.left, sides.right) if sides.signed is None else sides.signed
+        least, largest = sides.across
         there = (largest >= least) & jnp.isfinite(sides.light_least)
         low, high = (jnp.where(there, v, 0) for v in (least, largest))
         width = jnp.maximum(jnp.abs(low), jnp.abs(high)).max()

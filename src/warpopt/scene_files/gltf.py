@@ -5,14 +5,13 @@ pose, morph targets at their default weights, and the extensions in `gltf_extens
 materials, only the name and whether it is masked.
 """
 
-import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from .gltf_camera import GltfCamera, camera_of, light_of
 from .gltf_document import Document
 from .gltf_geometry import GltfGeometry, GltfReport, geometry_of
-from .gltf_item import GltfError
+from .gltf_item import told_of
 
 __all__ = ["GltfCamera", "GltfGeometry", "GltfReport", "read_geometry", "read_gltf_camera", "read_light"]
 
@@ -32,7 +31,7 @@ def read_geometry(
         ValueError: one sentence that names the file, the node and the reason.
         OSError: a file that cannot be read.
     """
-    with _told(path):
+    with told_of(path):
         return geometry_of(Document(path), tuple(include), tuple(exclude), most_triangles)
 
 
@@ -47,7 +46,7 @@ def read_gltf_camera(path: Path, which: int | str = 0) -> GltfCamera:
         ValueError: one sentence, for a file without this camera, or a broken one.
         OSError: a file that cannot be read.
     """
-    with _told(path):
+    with told_of(path):
         return camera_of(Document(path), which)
 
 
@@ -62,14 +61,5 @@ def read_light(path: Path, which: int | str | None = None) -> tuple[float, float
         ValueError: one sentence, for a file without this light.
         OSError: a file that cannot be read.
     """
-    with _told(path):
+    with told_of(path):
         return light_of(Document(path), which)
-
-
-@contextlib.contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """Add the file's path to errors."""
-    try:
-        yield
-    except GltfError as error:
-        raise ValueError(f"{path}: cannot be read as glTF: {error}") from None

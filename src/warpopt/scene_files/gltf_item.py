@@ -1,8 +1,11 @@
 """Objects of a glTF file's JSON; every value is checked on access."""
 
+import contextlib
 import dataclasses
 import json
 import math
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +13,15 @@ import numpy as np
 
 class GltfError(ValueError):
     """An error in a file; the message lacks the file's path."""
+
+
+@contextlib.contextmanager
+def told_of(path: Path) -> Iterator[None]:
+    """Add the file's path to errors."""
+    try:
+        yield
+    except GltfError as error:
+        raise ValueError(f"{path}: cannot be read as glTF: {error}") from None
 
 
 @dataclasses.dataclass(frozen=True)

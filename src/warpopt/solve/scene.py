@@ -5,6 +5,7 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from ..objective import MOST_MOMENTS, Objective
@@ -59,12 +60,15 @@ def settled_scene(view: SceneView, objective: Objective) -> SceneView:
     )
 
 
+LEAST_ETA = 1e-4
+"""The smallest eta where nobody asks for another: for metrics whose infimum may be at 0."""
+
 _AS_GOOD = 0.01  # of the error: axes that are this much worse are kept from the frame before
 
 
 @functools.partial(jax.jit, static_argnames=("objective",))
 def solve_scene(
-    view: SceneView, objective: Objective, min_eta: Float[Array, ""], previous: Float[Array, "3"] | None = None
+    view: SceneView, objective: Objective, min_eta: ArrayLike = LEAST_ETA, previous: Float[Array, "3"] | None = None
 ) -> SceneSolution:
     """The optimum of one view; `previous` is the direction of the frame before, for "steady"."""
     # One dtype, the camera's: a float64 limit would widen a loop's carry.

@@ -17,7 +17,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..receivers.footprint import Footprint, Sides
+from ..receivers.footprint import Footprint
 from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
 from ..theory.light_space import LightDepth
@@ -196,7 +196,7 @@ class Corners(eqx.Module):
     def of(cls, footprint: Footprint) -> "Corners":
         """Those of a footprint's sides."""
         sides = footprint.sides
-        least, largest = _signed(sides)
+        least, largest = sides.across
         there = largest >= least
         depths = jnp.stack([_depths(footprint, depth, there) for depth in (sides.depth, sides.farthest)])
         x = footprint.axis + jnp.where(there, jnp.stack([least, largest]), 0).ravel()
@@ -223,11 +223,6 @@ class Corners(eqx.Module):
         first = jnp.where(self.there, self.light[0], jnp.inf).min()
         last = jnp.where(self.there, self.light[1], -jnp.inf).max()
         return jnp.where(self.there.any(), (first + last) / 2, 0)
-
-
-def _signed(sides: Sides) -> tuple[Array, Array]:
-    """(least, largest) x of each group from the axis."""
-    return (-sides.left, sides.right) if sides.signed is None else sides.signed
 
 
 def _depths(footprint: Footprint, depth: LightDepth, there: Array) -> Array:

@@ -89,7 +89,8 @@ class WindowState(eqx.Module):
                 finite.
         """
         leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(self)]
-        if any(a.shape != b.shape for a, b in zip(leaves, jax.tree.leaves(_like(self)), strict=True)):
+        one = jax.tree.leaves(self.empty((1, 1), 0, self.loss.dtype))
+        if any(a.shape != b.shape for a, b in zip(leaves, one, strict=True)):
             raise ValueError(f"state: got {leaves[-1].shape} of them, expected one")
         values = [leaf.tolist() for leaf in leaves]
         if not all(np.isfinite(leaf.astype(float)).all() for leaf in leaves):
@@ -130,10 +131,6 @@ class WindowState(eqx.Module):
         if not (0 < float(state.pencil.eta) <= 1 and (np.asarray(state.texels) > 0).all()):
             raise ValueError(f"state: got eta {float(state.pencil.eta)}, expected one in (0, 1], and a map with texels")
         return state
-
-
-def _like(state: WindowState) -> WindowState:
-    return WindowState.empty((1, 1), 0, state.loss.dtype)
 
 
 def _short(value: Any) -> Any:

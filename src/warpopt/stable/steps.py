@@ -22,7 +22,6 @@ from .pencil import Corners, Pencil, Placed, Square, offset_for
 from .state import WindowState
 from .update import Action, Reason, Update
 
-_MIN_ETA = 1e-4
 _HORIZON = 8.0  # A at the end of a map over that at its pencil's: beyond, rows of texels are nearly the horizon's
 _FAR_SHARE = 0.5  # of the way from the far end to the horizon that a margin may take
 _LEAST_SLOPE = 0.2  # cosine between light and anchor plane's normal: a steeper plane shears too much
@@ -169,10 +168,15 @@ def update_window(
 def _seen(view: SceneView, pencil: Pencil, texels: Array) -> tuple[LightFrame, Placed, Corners, Array]:
     """(axes of a map, its place in them, the receivers' corners, whether there are none)."""
     camera = view.camera
-    frame = LightFrame(camera, view.light, view.screen, texels.astype(camera.position.dtype))
-    frame = pencil.frame(camera, frame)
+    frame = _frame_of(view, pencil, texels)
     footprint = footprint_of(view.receivers, camera, frame, Objective())
     return frame, pencil.placed(camera, frame), Corners.of(footprint), footprint.empty
+
+
+def _frame_of(view: SceneView, pencil: Pencil, texels: Array) -> LightFrame:
+    """The axes of a map of so many texels."""
+    frame = LightFrame(view.camera, view.light, view.screen, texels.astype(view.camera.position.dtype))
+    return pencil.frame(view.camera, frame)
 
 
 def _anchored(state: WindowState, light: Array) -> Array:
@@ -192,10 +196,9 @@ def _fitted(
     above: Array, margin: Array, allowed: Array,
 ) -> Fit:  # fmt: skip
     """A window over this frame's receivers, and the loss of the map that there is against one of the allowed margin."""
-    solution = solve_scene(view, objective, jnp.asarray(_MIN_ETA, view.camera.position.dtype))
+    solution = solve_scene(view, objective)
     warp = solution.warp
-    plain = Warp(jnp.ones_like(warp.eta), jnp.zeros_like(warp.eta), warp.start, warp.mu, warp.defined)
-    warp = jax.tree.map(lambda own, none: jnp.where(window.warp, own, none), warp, plain)
+    warp = jax.tree.map(lambda own, none: jnp.where(window.warp, own, none), warp, warp.unwarped)
     # A whole number of texels, some of them beside the padding; as many in all, up to rounding.
     size = view.shadow_map
     assert size is not None  # a window has one
@@ -227,8 +230,7 @@ def _fitted(
 
     # Over the receivers themselves, as the old map's error is: what cells lose would otherwise look like a loss.
     allowed_map = with_margin(allowed)
-    axes = LightFrame(view.camera, view.light, view.screen, texels.astype(view.camera.position.dtype))
-    axes = allowed_map.frame(view.camera, axes)
+    axes = _frame_of(view, allowed_map, texels)
     fresh = error_of(view, axes, allowed_map.placed(view.camera, axes), objective)
     loss = error_of(view, frame, placed, objective) / jnp.where(fresh > 0, fresh, jnp.nan)
     pencil, texels = with_margin(margin), texels.astype(jnp.int32)
@@ -304,9 +306,7 @@ def _shown(window: Settings, state: WindowState, view: SceneView, there: Array, 
     world = rows.at[:, 3].add(-(rows[:, :3] @ pencil.origin))
     square = Square(*(jnp.stack([share, 1 + share]) for share in shares))
     cropped = pencil.cropped(square)
-    frame = cropped.frame(
-        view.camera, LightFrame(view.camera, view.light, view.screen, state.texels.astype(rows.dtype))
-    )
+    frame = _frame_of(view, cropped, state.texels)
     local, world = (m.T if window.clip_space.row_vectors else m for m in (rows, world))
     return Update(
         world, local, pencil.origin, cropped.placed(view.camera, frame).warp, cropped.along[:3] * cropped.mu,

@@ -117,6 +117,11 @@ class Warp(eqx.Module):
         return self.one_minus_eta == 0
 
     @property
+    def unwarped(self) -> "Warp":
+        """No warp, over the same body."""
+        return Warp(jnp.ones_like(self.eta), jnp.zeros_like(self.eta), self.start, self.mu, self.defined)
+
+    @property
     def lam_over_mu(self) -> Float[Array, "..."]:
         """lambda / mu = eta / (1 - eta), what VN's Figure 6 plots; inf for no warp, with zero gradient there."""
         safe = jnp.where(self.no_warp, 1, self.one_minus_eta)

@@ -107,7 +107,7 @@ def _write(
                                 finite_or_none(row.plan.lower), row.largest_ratio)  # fmt: skip
         for k in range(plan.errors.shape[-1]):
             each = k, plan.starts[k], plan.splits[k + 1], plan.warps.eta[k], plan.errors[k]
-            lines.append(["" if v is None else v for v in (*same, *map(finite_or_none, each))])
+            lines.append([*same, *map(finite_or_none, each)])
     write_csv(folder / "cascades.csv", COLUMNS, lines)
     write_json(folder / "cascades.json", [_record(row) for row in rows])
     report = cascades_report(config, rows, figures, _storage(config, rows))

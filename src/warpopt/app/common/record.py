@@ -74,7 +74,7 @@ def write_json(path: Path, data: Any) -> None:
 
 
 def write_csv(path: Path, heads: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
-    """A table; floats in Python's format, which reads back exactly."""
+    """A table; floats in Python's format, which reads back exactly; empty for None."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(heads)

@@ -70,7 +70,7 @@ def run_frames(config: FramesConfig, scene: SceneInput, console: Console | None 
             parts.move(course["files"], folder)
             if config.output.figures:
                 _flicker_figure(course, folder)
-            write_csv(folder / "flicker.csv", FLICKER, ([_cell(row[key]) for key in FLICKER] for row in course["rows"]))
+            write_csv(folder / "flicker.csv", FLICKER, ([row[key] for key in FLICKER] for row in course["rows"]))
         for record in records:
             parts.move(record["files"], folder)
         rows = [row for record in records for row in record["rows"]]
@@ -119,10 +119,6 @@ def _course(config: FramesConfig, scene: SceneInput, parts: Parts, number: int, 
         record = measured_path(config, scene.triangles, _poses(config, scene), parts.folder, progress)
         parts.write(number, record)
     return record
-
-
-def _cell(value: Any) -> Any:
-    return "" if value is None else value
 
 
 def _flicker_figure(course: dict[str, Any], folder: Path) -> None:
@@ -219,7 +215,7 @@ def _write_table(rows: list[dict[str, Any]], path: Path) -> None:
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, COLUMNS)
     writer.writeheader()
-    writer.writerows({key: "" if row.get(key) is None else row[key] for key in COLUMNS} for row in rows)
+    writer.writerows({key: row.get(key) for key in COLUMNS} for row in rows)
     path.write_text(text.getvalue(), encoding="utf-8", newline="")
 
 

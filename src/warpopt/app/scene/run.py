@@ -67,7 +67,7 @@ def run_scene(
         if config.stable is not None:
             with timed(timings, "stable_s"):
                 rows = followed(config, scene, casters, progress)
-            write_csv(folder / "window.csv", COLUMNS, ([_text(row[name]) for name in COLUMNS] for row in rows))
+            write_csv(folder / "window.csv", COLUMNS, ([row[name] for name in COLUMNS] for row in rows))
         write_json(folder / "scene.json", _scene_record(config, scene, solved, rows))
         write_scene_table(solved, folder / "table.csv")
         (folder / "report.md").write_text(scene_report(config, scene, solved, figures, rows), encoding="utf-8")
@@ -94,12 +94,8 @@ def write_scene_table(solved: list[Solved], path: Path) -> None:
         row = s.row | dict(zip("xyz", s.row["direction"], strict=True))
         if row["no_warp"]:
             row |= {"lambda": "inf", "lambda_over_mu": "inf"}
-        rows.append(["" if row[name] is None else row[name] for name in _COLUMNS])
+        rows.append([row[name] for name in _COLUMNS])
     write_csv(path, _COLUMNS, rows)
-
-
-def _text(value: Any) -> Any:
-    return "" if value is None else value
 
 
 def _scene_record(

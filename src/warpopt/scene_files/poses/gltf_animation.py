@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from ..gltf_accessors import Accessors
 from ..gltf_camera import GltfCamera, camera_of
 from ..gltf_document import Document
-from ..gltf_item import GltfError, Item
+from ..gltf_item import GltfError, Item, told_of
 
 _KINDS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3"}
 _INTERPOLATIONS = ("LINEAR", "STEP", "CUBICSPLINE")
@@ -29,7 +29,7 @@ def read_gltf_path(path: Path, camera: int | str, animation: int | str, rate: fl
         ValueError: one sentence: a broken file, no such animation, or one that moves no node.
         OSError: a file that cannot be read.
     """
-    try:
+    with told_of(path):
         document = Document(path)
         channels = _channels(document, animation)
         first = min(channel.times[0] for channel in channels)
@@ -42,8 +42,6 @@ def read_gltf_path(path: Path, camera: int | str, animation: int | str, rate: fl
             for channel in channels:
                 channel.pose(time)
             found.append(camera_of(document, camera))
-    except GltfError as error:
-        raise ValueError(f"{path}: cannot be read as glTF: {error}") from None
     return found
 
 
