@@ -14,11 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._checks import assembled
 from ..objective import Objective
-from ..receivers.depth_buffer import DepthBuffer
-from ..receivers.points import PointReceivers
-from ..receivers.sketch import Sketch
+from ..receivers.one_by_one import OneByOne
 from ..receivers.weighted.cells import EXACT
 from ..solve.scene import settled_scene, solve_scene
 from ..solve.solution import SceneSolution
@@ -34,22 +31,8 @@ _CLOSE = 2e-3  # of the common error, over cells
 
 def within(view: SceneView, near: Float[Array, ""], far: Float[Array, ""]) -> SceneView:
     """The same view with the receivers of a range of view depths alone."""
-    receivers = view.receivers
-    if isinstance(receivers, DepthBuffer):
-        # Encoded depths need the camera's own planes: decoded first, with what lies outside as background.
-        z = receivers.eye_depth(view.camera)
-        z = jnp.where((z >= near) & (z <= far), z, jnp.inf)
-        receivers = eqx.tree_at(lambda r: r.depth, _linear(receivers), z)
-        return eqx.tree_at(lambda v: v.receivers, view, receivers)
-    near, far = (jnp.asarray(v, view.camera.near.dtype) for v in (near, far))
-    if isinstance(receivers, Sketch):
-        return eqx.tree_at(lambda v: v.receivers, view, receivers.between(near, far))
-    return eqx.tree_at(lambda v: (v.camera.near, v.camera.far), view, (near, far))
-
-
-def _linear(buffer: DepthBuffer) -> DepthBuffer:
-    """The buffer as one of eye depths."""
-    return assembled(DepthBuffer, depth=buffer.depth, encoding="linear", weights=buffer.weights)
+    part = view.receivers.between(view.camera, near, far)
+    return eqx.tree_at(lambda v: (v.camera, v.receivers), view, part)
 
 
 @jax.jit
@@ -150,7 +133,7 @@ def _equalised(view: SceneView, ends: Array, scale: Array, overlap: float, objec
     """
     depths = _depths(view, ends)
     # Cells are coarser than a thousandth; points are exact.
-    close = _CLOSE if isinstance(view.receivers, Sketch) else 4 * jnp.finfo(ends.dtype).eps
+    close = _CLOSE if view.receivers.of_cells else 4 * jnp.finfo(ends.dtype).eps
     count, last = len(scale), len(depths) - 1
     starts = jnp.maximum(depths * (1 - overlap), ends[0])
 
@@ -206,7 +189,7 @@ def _equalised(view: SceneView, ends: Array, scale: Array, overlap: float, objec
 def _depths(view: SceneView, ends: Array) -> Array:
     """Depths to split at: between every two receivers if they are few, else even in the logarithm."""
     points, there = view.receivers.places(view.camera)
-    if isinstance(view.receivers, PointReceivers) and len(points) <= EXACT:
+    if isinstance(view.receivers, OneByOne) and len(points) <= EXACT:
         z = jnp.sort(jnp.where(there > 0, points[:, 2], ends[1]))
         between = jnp.sqrt(z[:-1]) * jnp.sqrt(z[1:])
         return jnp.concatenate([ends[:1], jnp.clip(between, *ends), ends[1:]])
@@ -224,7 +207,7 @@ def _least_sum(view: SceneView, ends: Array, scale: Array, overlap: float, objec
 
 def _shares(view: SceneView, ends: Array, objective: Objective) -> Callable[[Array, Array], Array]:
     """What the mean over receivers between two depths counts for in the sum over all."""
-    if isinstance(view.receivers, Sketch):  # its norms are already over the sum of all weights
+    if view.receivers.of_cells:  # its norms are already over the sum of all weights
         return lambda a, b: jnp.ones_like(a)
     places, weights, _ = view.receivers.counted(view.camera, objective)
     order = jnp.argsort(places[:, 2])

@@ -18,6 +18,7 @@ from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
 from .bins import BINS, SIGNS, Groups, bin_of, extent_of, from_groups, merged, with_moments
 from .footprint import Footprint
+from .one_by_one import OneByOne
 from .points import PointReceivers
 from .profiles.binned import BinnedProfile, PointSet
 from .receivers import Receivers
@@ -33,7 +34,7 @@ _CELLS = 131_072
 _MIXED = 1.05  # far/near above which a cell is split in two
 
 
-class DepthBuffer(Receivers):
+class DepthBuffer(OneByOne):
     """The pixels of a depth buffer rendered with the camera of the view; row 0 is the top of the screen.
 
     Each pixel's centre is one receiver. Background pixels are not receivers.
@@ -98,6 +99,13 @@ class DepthBuffer(Receivers):
         """Eye depth of each pixel; inf for background."""
         seen, z = self._decoded(self.depth, camera)
         return jnp.where(seen, z, jnp.inf)
+
+    def between(self, camera: Camera, near: Float[Array, ""], far: Float[Array, ""]) -> tuple[Camera, Receivers]:
+        """See `Receivers`."""
+        # Encoded depths need the camera's own planes: decoded first, with what lies outside as background.
+        z = self.eye_depth(camera)
+        z = jnp.where((z >= near) & (z <= far), z, jnp.inf)
+        return camera, assembled(DepthBuffer, depth=z, encoding="linear", weights=self.weights)
 
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """See `Receivers`."""

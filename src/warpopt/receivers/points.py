@@ -15,6 +15,7 @@ from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
 from .bins import BINS, bin_of, ends, extent_of, from_groups, grouped, with_moments
 from .footprint import Footprint
+from .one_by_one import OneByOne
 from .profiles.binned import BinnedProfile, PointSet
 from .receivers import Receivers
 from .samples import Counted
@@ -23,7 +24,7 @@ from .weighted.cells import EXACT, with_samples
 from .weighted.weights import Weighting, Weights
 
 
-class PointReceivers(Receivers):
+class PointReceivers(OneByOne):
     """Points, such as a sample of the visible surfaces.
 
     Points outside the view frustum are ignored. No points at all are an empty scene.

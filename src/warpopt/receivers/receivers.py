@@ -4,6 +4,7 @@ import abc
 from typing import ClassVar, get_args
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -31,6 +32,7 @@ class Receivers(eqx.Module):
         measures: the measures that L_P norms over this kind accept; a set is weighted by its weights instead.
         weighted: whether the kind is a set with weights, over which means of "edge", "band" and "max" can be taken.
         one_at_a_time: whether one pass uses all cores, so that views are solved one after the other.
+        of_cells: whether its maxima are those of cells, and its means over the sum of all weights there were.
         any_projection: whether the kind serves orthographic cameras: it takes z for errors from `LightFrame.eye_depth`.
 
     Example:
@@ -51,6 +53,7 @@ class Receivers(eqx.Module):
     measures: ClassVar[tuple[str, ...]] = ("screen",)
     weighted: ClassVar[bool] = True
     one_at_a_time: ClassVar[bool] = False
+    of_cells: ClassVar[bool] = False
     any_projection: ClassVar[bool] = False
 
     @abc.abstractmethod
@@ -101,6 +104,14 @@ class Receivers(eqx.Module):
         What fits a map of the sketch fits every receiver. Called under `jax.jit`.
         """
         return self
+
+    def between(self, camera: Camera, near: Float[Array, ""], far: Float[Array, ""]) -> "tuple[Camera, Receivers]":
+        """(a camera, receivers) of what lies between two eye depths, for cascades: here a camera with other planes.
+
+        Called under `jax.jit`.
+        """
+        planes = (jnp.asarray(v, camera.near.dtype) for v in (near, far))
+        return eqx.tree_at(lambda c: (c.near, c.far), camera, tuple(planes)), self
 
     def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> DepthProfile:
         """The receivers by depth along Z_w, used by lower bounds.

@@ -5,7 +5,7 @@ centroid of its receivers. All of a map's errors are products of powers of 1/z a
 in eye coordinates, so the centroid weighted with (1/z)^P stands for a cell to first order.
 """
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -49,6 +49,8 @@ class Sketch(Receivers):
         unit: of length, for the sums.
     """
 
+    of_cells: ClassVar[bool] = True
+
     low: Float[Array, "C 2"]
     high: Float[Array, "C 2"]
     near: Float[Array, " C"]
@@ -87,11 +89,12 @@ class Sketch(Receivers):
         corners, there = self._corners()
         return corners, there.astype(corners.dtype)
 
-    def between(self, near: Float[Array, ""], far: Float[Array, ""]) -> "Sketch":
-        """What lies between two eye depths: cells cut there; each one's weight goes with its centroid.
+    def between(self, camera: Camera, near: Float[Array, ""], far: Float[Array, ""]) -> tuple[Camera, Receivers]:
+        """See `Receivers`: cells cut there; each one's weight goes with its centroid.
 
         Weights stay over the sum of all, so that norms to the power P add up.
         """
+        near, far = (jnp.asarray(v, camera.near.dtype) for v in (near, far))
         inside = (self.far >= near) & (self.near <= far)
         cut = (
             jnp.where(inside, jnp.maximum(self.near, near), jnp.inf),
@@ -99,12 +102,12 @@ class Sketch(Receivers):
         )
         made = eqx.tree_at(lambda s: (s.near, s.far), self, cut)
         if self.sums is None:
-            return made
+            return camera, made
         weight = jnp.where(self.sums.weight > 0, self.sums.weight, 1)
         z = self.sums.z / weight
         mine = inside & (z >= near) & (z <= far)
         sums = jax.tree.map(lambda v: jnp.where(mine, v, 0), self.sums)
-        return eqx.tree_at(lambda s: s.sums, made, sums)
+        return camera, eqx.tree_at(lambda s: s.sums, made, sums)
 
     def _corners(self) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
         """(the corners of all cells, which there are): a map that holds them holds the cells, which are convex."""

@@ -5,7 +5,6 @@ import functools
 import zlib
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
@@ -13,8 +12,7 @@ from jaxtyping import Array, Bool
 from .._checks import Numbers, float_arrays, instance, is_traced, points_of
 from .._words import flag, one_of, shown, whole_number
 from ..objective import Objective
-from ..receivers.depth_buffer import DepthBuffer
-from ..receivers.points import PointReceivers
+from ..receivers.one_by_one import OneByOne
 from ..receivers.receivers import Receivers
 from ..receivers.weighted.weights import Weighting
 from ..render.shadow_matrix import ClipSpace, checked_clip_space
@@ -255,12 +253,12 @@ class StableWindow:
             return self.objective
         if edges is not None:
             return Objective("edge")
-        return Objective("band" if isinstance(receivers, DepthBuffer | PointReceivers) else "storage")
+        return Objective("band" if isinstance(receivers, OneByOne) else "storage")
 
 
 def _weighed(receivers: Receivers | None, edges: Weighting | None) -> Receivers | None:
     """The receivers with these weights; by depth where nothing weighs them."""
-    if not isinstance(receivers, DepthBuffer | PointReceivers):
+    if not isinstance(receivers, OneByOne):
         if edges is not None:
             raise ValueError(f"edges: got some with {shown(receivers)}, expected a DepthBuffer or PointReceivers")
         return receivers
@@ -268,8 +266,7 @@ def _weighed(receivers: Receivers | None, edges: Weighting | None) -> Receivers 
         if not receivers.weights.uniform:
             return receivers
         edges = "depth"
-    # Only the weights are checked: a check of the depths is a pass over them, and a copy to the host.
-    return eqx.tree_at(lambda r: r.weights, receivers, receivers.weights.instead(edges))
+    return receivers.reweighed(edges)
 
 
 def _nearest(casters: Numbers, camera: Camera, light: DirectionalLight) -> Any:
