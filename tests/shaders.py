@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from warpopt.export.languages import GLSL_330, GLSL_450, HLSL, Language
+
 _FLAGS = ["-Wall", "-Wextra", "-Werror", "-pedantic", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 _MAIN = """#include "code{suffix}"
 #include <stdio.h>
@@ -49,17 +51,41 @@ def calls(closed: bool) -> dict[str, str]:
 
 def run_compiled(compiler: str, suffix: str, text: str, given: np.ndarray, closed: bool, folder: Path) -> np.ndarray:
     """(eta, lambda) of each row (theta, near, far, half_fov), by gcc or g++ under the sanitisers."""
+    return run_program(compiler, suffix, text, _MAIN.format(suffix=suffix, **calls(closed)), given, 2, folder)
+
+
+def run_program(
+    compiler: str, suffix: str, text: str, main: str, given: np.ndarray, outputs: int, folder: Path
+) -> np.ndarray:
+    """So many numbers for each row, by a program that includes the text, reads rows and writes numbers, in singles."""
     if shutil.which(compiler) is None:
         missing(f"{compiler} is not on this machine: apt-get install {compiler}")
     (folder / f"code{suffix}").write_text(text)
     c = suffix == ".h"
-    main = folder / f"main{'.c' if c else '.cpp'}"
-    main.write_text(_MAIN.format(suffix=suffix, **calls(closed)))
+    source = folder / f"main{'.c' if c else '.cpp'}"
+    source.write_text(main)
     standard = "-std=c99" if c else "-std=c++17"
     program = folder / "main"
-    subprocess.run([compiler, standard, "-O1", *_FLAGS, "-o", str(program), str(main), "-lm"], check=True)
-    run = subprocess.run([str(program)], input=given.astype(np.float32).tobytes(), capture_output=True, check=True)
-    return np.frombuffer(run.stdout, np.float32).reshape(-1, 2)
+    subprocess.run([compiler, standard, "-O1", *_FLAGS, "-o", str(program), str(source), "-lm"], check=True)
+    run = subprocess.run([str(program)], input=np.float32(given).tobytes(), capture_output=True, check=True)
+    return np.frombuffer(run.stdout, np.float32).reshape(-1, outputs)
+
+
+SHADERS = pytest.mark.parametrize(
+    ("language", "words"),
+    [(GLSL_330, ["-S", "vert"]), (GLSL_450, ["-S", "vert"]), (HLSL, ["-D", "-S", "vert", "-e", "main", "-V"])],
+    ids=["330", "450", "hlsl"],
+)
+
+
+def validate_call(language: Language, words: list[str], text: str, call: str, folder: Path) -> None:
+    """The verdict on a vertex shader that uses a call of the text's."""
+    if language is HLSL:
+        text += f"\nfloat4 main(float4 p : POSITION) : SV_Position {{ return p * {call}; }}\n"
+    else:
+        version = "330" if language is GLSL_330 else "450"
+        text = f"#version {version}\n{text}\nvoid main() {{ gl_Position = vec4({call}); }}\n"
+    validate(words, text, folder / "code.vert")
 
 
 def validate(words: list[str], text: str, file: Path) -> None:

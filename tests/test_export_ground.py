@@ -1,19 +1,15 @@
 """The exported closed form of level ground, compiled and run, against the library's plane and its matrix."""
 
-import shutil
-import subprocess
-
 import numpy as np
 import pytest
-from shaders import missing, validate
+from shaders import SHADERS, run_program, validate_call
 
 import warpopt
 from warpopt import Camera, DirectionalLight, Objective, SceneView, optimal_warp, shadow_matrix
 from warpopt.export.ground import ground_source
-from warpopt.export.languages import CPP, GLSL_330, GLSL_450, HLSL, LANGUAGES, WGSL, C
+from warpopt.export.languages import CPP, LANGUAGES, WGSL, C
 from warpopt.receivers import GroundPlane
 
-_FLAGS = ["-Wall", "-Wextra", "-Werror", "-pedantic", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 _MAIN = """#include "code{suffix}"
 #include <stdio.h>
 int main(void) {{
@@ -34,16 +30,8 @@ HEIGHT, NEAR, FAR, HALF_FOV, ASPECT = 1.7, 0.1, 120.0, 0.5, 1.6
 
 def compiled(compiler, language, metric, given, folder) -> np.ndarray:
     """(direction, eta, matrix) of each row: height, pitch, near, far, half_fov, sun, aspect, caster height, relief."""
-    if shutil.which(compiler) is None:
-        missing(f"{compiler} is not on this machine: apt-get install {compiler}")
-    (folder / f"code{language.suffix}").write_text(ground_source(metric, language))
-    main = folder / ("main.c" if language is C else "main.cpp")
-    main.write_text(_MAIN.format(suffix=language.suffix))
-    program = str(folder / "main")
-    standard = "-std=c99" if language is C else "-std=c++17"
-    subprocess.run([compiler, standard, "-O1", *_FLAGS, "-o", program, str(main), "-lm"], check=True)
-    run = subprocess.run([program], input=np.float32(given).tobytes(), capture_output=True, check=True)
-    return np.frombuffer(run.stdout, np.float32).reshape(-1, 20)
+    main = _MAIN.format(suffix=language.suffix)
+    return run_program(compiler, language.suffix, ground_source(metric, language), main, given, 20, folder)
 
 
 def rows() -> np.ndarray:
@@ -95,24 +83,11 @@ def test_nothing_to_map(tmp_path):
     assert (found[:, 4:] == 0).all()
 
 
-@pytest.mark.parametrize(
-    ("language", "words"),
-    [
-        (GLSL_330, ["-S", "vert"]),
-        (GLSL_450, ["-S", "vert"]),
-        (HLSL, ["-D", "-S", "vert", "-e", "main", "-V"]),
-    ],
-    ids=["330", "450", "hlsl"],
-)
+@SHADERS
 def test_shading_languages_accept_it(language, words, tmp_path):
     text = ground_source("pxq", language)
     call = "warpopt_matrix(0.0, 0.0, 1.0, 0.0, 1.0, 9.0, 0.5, 0.0, -1.0, 0.0, 1.0, 1.0, 1.0)"
-    if language is HLSL:
-        text += f"\nfloat4 main(float4 p : POSITION) : SV_Position {{ return p * {call}; }}\n"
-    else:
-        version = "330" if language is GLSL_330 else "450"
-        text = f"#version {version}\n{text}\nvoid main() {{ gl_Position = vec4({call}); }}\n"
-    validate(words, text, tmp_path / "code.vert")
+    validate_call(language, words, text, call, tmp_path)
 
 
 def test_every_language_has_every_function():

@@ -1,19 +1,15 @@
 """The exported stable window, compiled and run, against the library's own arithmetic and through whole matrices."""
 
-import shutil
-import subprocess
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from shaders import missing, validate
+from shaders import SHADERS, run_program, validate_call
 
 from warpopt.app.cli import main
-from warpopt.export.languages import CPP, GLSL_330, GLSL_450, HLSL, LANGUAGES, C
+from warpopt.export.languages import CPP, LANGUAGES, C
 from warpopt.export.window import window_source
 from warpopt.stable.pencil import Square, offset_for
 
-_FLAGS = ["-Wall", "-Wextra", "-Werror", "-pedantic", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 _MAIN = """#include "code{suffix}"
 #include <stdio.h>
 int main(void) {{
@@ -31,16 +27,8 @@ SIZE = 512
 
 
 def compiled(compiler, language, given, folder) -> np.ndarray:
-    if shutil.which(compiler) is None:
-        missing(f"{compiler} is not on this machine: apt-get install {compiler}")
-    (folder / f"code{language.suffix}").write_text(window_source(language))
-    main_file = folder / ("main.c" if language is C else "main.cpp")
-    main_file.write_text(_MAIN.format(suffix=language.suffix))
-    standard = "-std=c99" if language is C else "-std=c++17"
-    command = [compiler, standard, "-O1", *_FLAGS, "-o", str(folder / "main"), str(main_file), "-lm"]
-    subprocess.run(command, check=True)
-    run = subprocess.run([str(folder / "main")], input=np.float32(given).tobytes(), capture_output=True, check=True)
-    return np.frombuffer(run.stdout, np.float32).reshape(-1, 3)
+    main_text = _MAIN.format(suffix=language.suffix)
+    return run_program(compiler, language.suffix, window_source(language), main_text, given, 3, folder)
 
 
 @pytest.mark.parametrize(("compiler", "language"), [("gcc", C), ("g++", CPP)], ids=["c", "cpp"])
@@ -73,20 +61,11 @@ def test_compiled_code_moves_the_map_as_the_library_does(compiler, language, tmp
     assert min(refits, moves, count - refits - moves) > 20  # all three were tried
 
 
-@pytest.mark.parametrize(
-    ("language", "words"),
-    [(GLSL_330, ["-S", "vert"]), (GLSL_450, ["-S", "vert"]), (HLSL, ["-D", "-S", "vert", "-e", "main", "-V"])],
-    ids=["330", "450", "hlsl"],
-)
+@SHADERS
 def test_shading_languages_accept_it(language, words, tmp_path):
     text = window_source(language)
     call = "warpopt_window_update(0.1, 0.9, 512.0, 1.0, 0.5, 3.0, warpopt_window_horizon(0.2))"
-    if language is HLSL:
-        text += f"\nfloat4 main(float4 p : POSITION) : SV_Position {{ return p * {call}; }}\n"
-    else:
-        version = "330" if language is GLSL_330 else "450"
-        text = f"#version {version}\n{text}\nvoid main() {{ gl_Position = vec4({call}); }}\n"
-    validate(words, text, tmp_path / "code.vert")
+    validate_call(language, words, text, call, tmp_path)
 
 
 def test_the_command_writes_every_language(tmp_path, monkeypatch, capsys):
