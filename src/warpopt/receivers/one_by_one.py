@@ -1,11 +1,13 @@
 """Sets of receivers that are given one by one, each with a weight."""
 
-from typing import Self
+from typing import TypeVar
 
 import equinox as eqx
 
 from .receivers import Receivers
 from .weighted.weights import Weighting, Weights
+
+Kind = TypeVar("Kind", bound="OneByOne")  # `Self` has no meaning to a checker of single functions
 
 
 class OneByOne(Receivers):
@@ -17,7 +19,7 @@ class OneByOne(Receivers):
 
     weights: eqx.AbstractVar[Weights]
 
-    def reweighed(self, weights: Weighting) -> Self:
+    def reweighed(self: Kind, weights: Weighting) -> Kind:
         """The same receivers with other weights, of which the same are lit.
 
         Only the weights are checked: a check of the receivers is a pass over them, and a copy to the host.
