@@ -307,6 +307,29 @@ def test_turned_warps_are_measured_in_pixels(tmp_path, main, script, monkeypatch
     assert "edge-weighted, turned, best aspect" in (tmp_path / "tables.md").read_text()
 
 
+def test_cascades_are_measured_in_pixels(tmp_path, main, script, monkeypatch):
+    """One small frame: some cascades beside single maps, and a second call that measures nothing again."""
+    pytest.importorskip("embreex")
+    several = script("pixels_cascades")
+    for name, value in (("ONE", ("none", "p-inf")), ("COUNTS", (2,)), ("WARPS", ("none", "p-inf"))):
+        monkeypatch.setattr(several, name, value)
+    monkeypatch.setattr(several, "SPLITS", {"logarithmic": "logarithmic", "godot": "Godot's"})
+    monkeypatch.setattr(several, "GOALS", (("2-logarithmic-p-inf", "2-logarithmic-none", 0.97),))
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- cascades -->\nold\n<!-- end cascades -->\n")
+    main("pixels_cascades", "--short", "--directory", str(tmp_path))
+    kept = json.loads((tmp_path / "cascades.json").read_text())
+    ((frame,),) = kept.values()
+    assert set(frame["error"]) == {"none", "p-inf", "2-logarithmic-sphere"} | {
+        f"2-{splits}-{warp}" for splits in ("logarithmic", "godot") for warp in ("none", "p-inf")
+    }
+    assert 0 < frame["error"]["2-logarithmic-none"] < 1
+    before = (tmp_path / "cascades.json").stat().st_mtime_ns
+    main("pixels_cascades", "--short", "--directory", str(tmp_path), "--page", str(page))
+    assert (tmp_path / "cascades.json").stat().st_mtime_ns == before
+    assert "| 2 | Godot's |" in page.read_text()
+
+
 def test_the_script_for_a_gpu_runs_on_a_cpu(tmp_path, main):
     """Its table; and that an animation on the device compiles once and sends nothing to or from the host."""
     page = tmp_path / "page.md"

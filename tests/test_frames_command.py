@@ -77,6 +77,22 @@ def test_a_slice_end_to_end():
     assert [row["wrong"] for row in table("other")] != [row["wrong"] for row in rows]
 
 
+def test_cascades_stand_beside_single_maps():
+    """In the table with each one's eta and the splits, in the report by name, and as pictures of all their maps."""
+    name = "2-logarithmic-p-inf"
+    assert invoke(settings(warps=["p-inf", name]), "--output.figures", "true", "--receivers.made.views", "1") == 0
+    one, several = table()
+    assert (one["splits"], several["warp"]) == ("", name)
+    splits, etas = ([float(v) for v in several[key].split()] for key in ("splits", "eta"))
+    assert (len(splits), len(etas)) == (3, 2)
+    assert splits == pytest.approx(np.geomspace(splits[0], splits[2], 3), rel=1e-4)
+    assert 0 < float(several["wrong"]) < 1
+    report = Path("out/report.md").read_text()
+    assert "| 2 cascades, logarithmic splits, E_p, norm inf |" in report
+    assert f"(frame_000_{name}.png)" in report
+    assert invoke(settings(warps=["3-lispsm-none"])) == 2
+
+
 def test_a_killed_run_resumes_and_leaves_nothing_half_done(monkeypatch):
     record, seen = frames_run._record, []
 

@@ -3,5 +3,6 @@
 from . import splits as splits
 from .counts import count
 from .plan import Plan, errors, plan
+from .spheres import sphere_texels
 
-__all__ = ["Plan", "count", "errors", "plan"]
+__all__ = ["Plan", "count", "errors", "plan", "sphere_texels"]

@@ -1,6 +1,6 @@
 """Cascades over a view: splits, the best warp in each, and the certificate."""
 
-from typing import Any
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -9,9 +9,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._checks import Numbers, checked, float_arrays, is_traced
-from .._words import flag, whole_number
+from .._words import flag, one_of, whole_number
 from ..objective import Objective
 from ..render.shadow_matrix import ClipSpace, shadow_matrix
+from ..render.sphere_fit import sphere_matrix
 from ..solve.solution import SceneSolution
 from ..theory.warp import Warp
 from ..views import FrustumView, SceneView, refuse_other
@@ -55,7 +56,7 @@ class Plan(eqx.Module):
 
     def matrices(
         self, clip_space: ClipSpace | None = None, *, casters: Numbers | None = None,
-        padding: tuple[float, float] = (0.0, 0.0),
+        padding: tuple[float, float] = (0.0, 0.0), fit: Literal["tight", "sphere"] = "tight", texels: int | None = None,
     ) -> tuple[Float[Array, "K 4 4"], Float[Array, " K"]]:  # fmt: skip
         """(each cascade's `shadow_matrix`, the view depth where each ends), ready for a uniform buffer.
 
@@ -63,16 +64,30 @@ class Plan(eqx.Module):
 
         Args:
             clip_space, casters, padding: as for `shadow_matrix`.
+            fit: "tight", about the cascade's receivers, with its warp; "sphere", as engines hold their maps still: an
+                unwarped square about the sphere around the piece of the camera's frustum, moved by whole texels.
+                `sphere_texels` says what that costs.
+            texels: along each side of a map, for "sphere", which has no padding.
 
         Raises:
-            ValueError: a plan over a frustum, which has no place in the world; otherwise as `shadow_matrix`.
+            ValueError: a plan over a frustum, which has no place in the world; an unknown fit, or one without the
+                texels that it needs; otherwise as `shadow_matrix` and `sphere_matrix`.
         """
+        one_of("fit", fit, ("tight", "sphere"))
+        if (fit == "sphere") != (texels is not None):
+            raise ValueError(f"texels: got {texels!r} with fit={fit!r}, expected a number with 'sphere', None without")
+        if fit == "sphere" and any(padding):
+            raise ValueError(f"padding: got {padding!r} with fit='sphere', expected none: it would move its texels")
         if self.views is None or self.solutions is None:
             raise ValueError("plan: got one over a FrustumView, expected one over a SceneView, which is in the world")
         made = []
         for k in range(self.errors.shape[-1]):
             view, solution = (jax.tree.map(lambda v, k=k: v[k], part) for part in (self.views, self.solutions))
-            matrix = shadow_matrix(view, solution, clip_space, casters=casters, padding=padding)
+            if texels is None:
+                matrix = shadow_matrix(view, solution, clip_space, casters=casters, padding=padding)
+            else:
+                ends = self.starts[k], self.splits[k + 1]
+                matrix = sphere_matrix(view, texels, clip_space, casters=casters, near=ends[0], far=ends[1])
             made.append(jnp.where(solution.footprint.empty, jnp.nan, matrix))
         return jnp.stack(made), self.splits[1:]
 

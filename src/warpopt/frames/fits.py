@@ -64,6 +64,9 @@ class Fitting:
 
     Raises:
         ValueError: an unknown fit, or a frame that sees nothing.
+
+    Attributes:
+        best_splits: of cascades, by their number, objective and whether each is warped: found once.
     """
 
     def __init__(
@@ -81,6 +84,7 @@ class Fitting:
         self.turn_only_if = turn_only_if
         self._camera = camera_of(frame.camera)
         self._views: dict[str, SceneView] = {}
+        self.best_splits: dict[tuple[int, str, bool], np.ndarray] = {}
 
     def view(self, kind: str) -> SceneView:
         """The view with receivers "plain" (by `fit`), "depth" (the depth buffer), "edge" or "band" (with weights)."""
@@ -173,6 +177,13 @@ class Fitting:
             [measured(self.frame, self.map_of(each), reading, _SCAN_SEED).wrong for each in made]
         )  # fmt: skip
         return made[int(np.argmin(np.where(np.isfinite(errors), errors, np.inf)))], errors
+
+    def whole(self, objective: Objective | None) -> SceneView:
+        """What the frame's maps must hold, not reduced: by `fit` for norms inf and no warp, else the depth buffer."""
+        if self.fit == "engine" and (objective is None or objective.supremum):
+            plain = self.view("depth")
+            return SceneView(plain.camera, plain.light, ConvexBody.box(*self.scene.corners), screen=plain.screen)
+        return self.uniform()
 
     def map_of(self, fitted: Fitted) -> ShadowMap:
         """The shadow map rendered with a fitted matrix."""

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
+from .cascaded_map import CascadedMap
 from .seen import Frame
 from .shadow_map import Reading, ShadowMap, screen_steps
 
@@ -78,7 +79,11 @@ def judge(frame: Frame, shown: Float[np.ndarray, " P"]) -> Verdict:
 
 
 def measured(
-    frame: Frame, shadow_map: ShadowMap, reading: Reading | None = None, seed: int = 0, groups: int = GROUPS
+    frame: Frame,
+    shadow_map: ShadowMap | CascadedMap,
+    reading: Reading | None = None,
+    seed: int = 0,
+    groups: int = GROUPS,
 ) -> Verdict:
     """The error of a frame under a map, over grid shifts; `groups` = 1 reads the map as it lies.
 

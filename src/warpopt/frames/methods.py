@@ -1,16 +1,21 @@
 """Ways of fitting a map along a path: a warp refitted each frame, one held for some frames, and snapped spheres."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from ..receivers.depth_buffer import DepthBuffer
+from ..render.sphere_fit import sphere_matrix
 from ..stable.update import Update
 from ..stable.window import StableWindow
+from ..theory.camera import DirectionalLight, camera_of
+from ..views import SceneView
 from .fits import Fitting
 from .light_rays import LitScene
 from .names import WINDOW, objective_of, title_of, turn_of, warp_of_method
-from .paths import Method, sphere_matrix, stepped_far, widened
+from .paths import Method, stepped_far, widened
 from .seen import Frame, see
 
 HELD = 8  # frames between two fits of "held-NAME"
@@ -52,7 +57,7 @@ def method_of(name: str, texels: int) -> Method:
 
         def sphere(number: int, scene: LitScene, frame: Frame) -> Float[np.ndarray, "4 4"]:
             far = frame.camera.far if name == "sphere" else stepped_far(frame)
-            return sphere_matrix(scene, frame.camera, min(far, 2 * scene.size + 1), texels)
+            return snapped_sphere(scene, frame, min(far, 2 * scene.size + 1), texels)
 
         return sphere
     if name.startswith(WINDOW):
@@ -69,6 +74,13 @@ def method_of(name: str, texels: int) -> Method:
         return held["matrix"]
 
     return fitted
+
+
+def snapped_sphere(scene: LitScene, frame: Frame, far: float, texels: int) -> Float[np.ndarray, "4 4"]:
+    """`sphere_matrix` about what the frame's camera can see up to `far`."""
+    camera = camera_of(dataclasses.replace(frame.camera, far=far))
+    view = SceneView(camera, DirectionalLight(scene.axes[2]), DepthBuffer(frame.depth))
+    return np.asarray(sphere_matrix(view, texels, casters=scene.corners_all), float)
 
 
 class Windowed:

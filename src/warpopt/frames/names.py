@@ -1,9 +1,10 @@
 """The names of warps: "none", a rule, "edge", "band", METRIC-NORM such as "p-inf", and "best". Does not import JAX.
 
 "turned-" before an objective that compares directions warps along the best direction; "shaped-" also gives the map the
-best aspect.
+best aspect. COUNT-SPLITS-WARP, such as "4-logarithmic-turned-edge", is so many cascades of together as many texels.
 """
 
+import dataclasses
 import difflib
 
 from .._words import shown
@@ -16,6 +17,74 @@ DEFAULT = ("none", "lispsm", "tsm", "filament", "p-inf", "edge", "band", "turned
 PREFIXES = ("turned-", "shaped-")
 WINDOW = "window-"
 """Before a warp's name: fitted once with a margin, then kept or scrolled."""
+SCHEMES = ("uniform", "logarithmic", "practical")
+"""Splits of the range of depths that receivers have."""
+ENGINES = ("godot", "unity", "unreal", "bevy", "three", "filament")
+"""Splits of the camera's range, by engines' defaults."""
+MOST = 16
+"""The largest number of cascades."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Cascades:
+    """What the name of several maps says.
+
+    Attributes:
+        count: of the maps; each has 1/count of the texels of one.
+        splits: one of `SCHEMES` or `ENGINES`, or an objective whose best splits they are.
+        warp: "none", "sphere", or an objective that warps each, with "turned-" or "shaped-" before it.
+    """
+
+    count: int
+    splits: str
+    warp: str
+
+    @property
+    def name(self) -> str:
+        return f"{self.count}-{self.splits}-{self.warp}"
+
+    @property
+    def title(self) -> str:
+        """Of figures and reports."""
+        by = self.splits if self.splits in (*SCHEMES, *ENGINES) else f"best {title_of(self.splits)}"
+        fit = "snapped spheres" if self.warp == "sphere" else title_of(self.warp)
+        return f"{self.count} cascades, {by} splits, {fit}"
+
+
+def cascades_of(name: str) -> Cascades | None:
+    """The cascades that a name asks for; None for a single map's.
+
+    Raises:
+        ValueError: a name that begins with a number and is not COUNT-SPLITS-WARP.
+
+    Example:
+        >>> cascades_of("4-p-inf-turned-edge"), cascades_of("p-inf")
+        (Cascades(count=4, splits='p-inf', warp='turned-edge'), None)
+    """
+    number, _, rest = name.partition("-") if isinstance(name, str) else ("", "", "")
+    if not number.isdecimal():
+        return None
+    words = rest.split("-")
+    for k in range(1, len(words)):
+        splits, warp = "-".join(words[:k]), "-".join(words[k:])
+        if _is_split(splits) and (warp in ("none", "sphere") or _is_objective(warp)) and 1 <= int(number) <= MOST:
+            return Cascades(int(number), splits, warp)
+    raise ValueError(
+        f"got {shown(name)}, expected COUNT-SPLITS-WARP: a count from 1 to {MOST}, splits by "
+        f"{', '.join(map(repr, (*SCHEMES, *ENGINES)))} or an objective, and 'none', 'sphere' or an objective, such as "
+        "'4-logarithmic-turned-edge'"
+    )
+
+
+def _is_split(name: str) -> bool:
+    return name in (*SCHEMES, *ENGINES) or (not turn_of(name)[0] and _is_objective(name))
+
+
+def _is_objective(name: str) -> bool:
+    try:
+        return objective_of(name) is not None
+    except ValueError:
+        return False
 
 
 def turn_of(name: str) -> tuple[str, str]:
@@ -65,6 +134,16 @@ def objective_of(name: str) -> Objective | None:
     )
 
 
+def refuse_unknown(name: str) -> None:
+    """Refuse what names neither a warp nor cascades.
+
+    Raises:
+        ValueError: as `objective_of` and `cascades_of`.
+    """
+    if cascades_of(name) is None:
+        objective_of(name)
+
+
 def warp_of_method(name: str) -> str | None:
     """The warp that a path's method fits: of its name, without "held-"; None for a snapped sphere.
 
@@ -102,6 +181,9 @@ def title_of(name: str) -> str:
     """
     if name in EVERY:
         return EVERY[name].title
+    cascades = cascades_of(name)
+    if cascades is not None:
+        return cascades.title
     prefix, rest = turn_of(name)
     if prefix:
         return f"{title_of(rest)}, turned" + (", best aspect" if prefix == "shaped-" else "")

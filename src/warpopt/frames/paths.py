@@ -66,30 +66,6 @@ def widened(camera: SceneCamera, factor: float) -> SceneCamera:
     return dataclasses.replace(camera, window=tuple(factor * side for side in camera.window))
 
 
-def sphere_matrix(scene: LitScene, camera: SceneCamera, far: float, texels: int) -> Float[np.ndarray, "4 4"]:
-    """Engines' stable fit: the sphere about the frustum up to `far`, its map shifted by whole texels only.
-
-    Its size and its axes are those of the world and the light, so that moving and turning change no texel.
-    """
-    left, right, bottom, top = camera.window
-    slope_squared = max(left**2, right**2) + max(bottom**2, top**2)
-    near = camera.near
-    middle = min((far + near) * (1 + slope_squared) / 2, far)
-    radius = np.sqrt(max((far - middle) ** 2 + slope_squared * far**2, (middle - near) ** 2 + slope_squared * near**2))
-    centre = scene.coordinates(camera.position + middle * camera.rotation[2])
-    texel = 2 * radius / texels
-    corner = np.floor((centre[:2] - radius) / texel) * texel
-    least, most = scene.least.min(), scene.most.max()
-    rows = np.zeros((4, 4))
-    rows[0, 0] = rows[1, 1] = 1 / radius
-    rows[:2, 3] = -corner / radius - 1
-    rows[2, 2], rows[2, 3] = 2 / (most - least), -(most + least) / (most - least)
-    rows[3, 3] = 1
-    world = np.eye(4)
-    world[:3, :3], world[:3, 3] = scene.axes, -scene.axes @ scene.origin
-    return rows @ world
-
-
 def stepped_far(frame: Frame) -> float:
     """The farthest receiver, rounded up to a power of 1.1, so that it changes seldom."""
     farthest = frame.depth[np.isfinite(frame.depth)].max()
@@ -108,14 +84,6 @@ class Moment:
     scene: LitScene
     frame: Frame
     shadow_map: ShadowMap
-
-    def points(self, choose: Bool[np.ndarray, " P"]) -> Frame:
-        """The frame with some of its judged receivers only, as what a map is read for."""
-        frame = self.frame
-        return dataclasses.replace(
-            frame, places=frame.places[choose], heights=frame.heights[choose], slopes=frame.slopes[choose],
-            triangles=frame.triangles[choose], lit=frame.lit[choose],
-        )  # fmt: skip
 
 
 def seen_again(before: Moment, after: Moment) -> Bool[np.ndarray, " P"]:
@@ -142,11 +110,11 @@ def flips(before: Moment, after: Moment, reading: Reading) -> tuple[int, int]:
         reading: how both maps are read; a verdict is lit from a share of one half.
     """
     again = seen_again(before, after)
-    points = before.points(again)
+    points = before.frame.only(again)
     if before.scene is not after.scene:
         points = _under(before, after, points)
         kept = points.judged[0]
-        one = before.shadow_map.visibility(before.points(again), reading)[kept] >= 0.5
+        one = before.shadow_map.visibility(before.frame.only(again), reading)[kept] >= 0.5
     else:
         one = before.shadow_map.visibility(points, reading) >= 0.5
     other = after.shadow_map.visibility(points, reading) >= 0.5

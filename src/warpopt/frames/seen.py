@@ -62,6 +62,13 @@ class Frame:
             return np.full(self.judged.shape, np.inf)
         return np.asarray(ndimage.distance_transform_edt(~self.true_edges))
 
+    def only(self, choose: Bool[np.ndarray, " P"]) -> "Frame":
+        """The frame with some of its judged receivers alone, as what a map is read for."""
+        return dataclasses.replace(
+            self, places=self.places[choose], heights=self.heights[choose], slopes=self.slopes[choose],
+            triangles=self.triangles[choose], lit=self.lit[choose],
+        )  # fmt: skip
+
     def image(self, values: np.ndarray, fill: float | bool) -> np.ndarray:
         """(H, W): values of the judged pixels, and a fill elsewhere."""
         made = np.full(self.judged.shape, fill, np.asarray(values).dtype)

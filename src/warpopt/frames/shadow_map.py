@@ -65,6 +65,11 @@ class Reading:
         return self.filter.startswith("eye_blur")
 
     @property
+    def sharp(self) -> "Reading":
+        """Of the image that a blur smooths: 2x2 verdicts."""
+        return dataclasses.replace(self, filter="pcf2")
+
+    @property
     def texels(self) -> float:
         """The bias: texels of slope, or the share of the map's depth range for "constant"."""
         if self.amount is not None:
@@ -143,7 +148,7 @@ class ShadowMap:
         shift = np.zeros((len(frame.places), 2)) if shift is None else shift
         texture = self.texture(frame.places)
         if reading.blurs:
-            return self._blurred(frame, shift, reading)
+            return blurred(frame, self.visibility(frame, reading.sharp, shift), reading)
         taps = _TAPS[reading.filter]
         position = texture * self.size + shift
         # The first texel read; with 2x2 taps the four whose centres surround the receiver.
@@ -158,27 +163,6 @@ class ShadowMap:
                     weight = np.abs(1 - i - share[:, 0]) * np.abs(1 - j - share[:, 1])
                 total += weight * read
         return total
-
-    def _blurred(self, frame: Frame, shift: np.ndarray, reading: Reading) -> np.ndarray:
-        """SC 4.3: the grey image of 2x2 reads, blurred on the screen; with depth, near the viewer most."""
-        sharp = self.visibility(frame, dataclasses.replace(reading, filter="pcf2"), shift)
-        whole = frame.judged.astype(float)
-        image = frame.image(sharp, 0.0)
-        z = frame.depth[frame.judged]
-        widest = reading.blur_pixels / 2
-        sigma = np.full(len(z), widest)
-        if reading.filter == "eye_blur_depth":
-            sigma = widest * np.minimum(1, np.quantile(z, _NEAREST) / z)
-        # A few blurs, and between them the mean in proportion: each pixel has a width of its own.
-        levels = widest * np.array([0.0, 0.25, 0.5, 1.0])
-        stack = [sharp]
-        for level in levels[1:]:
-            smooth = ndimage.gaussian_filter(image, level), ndimage.gaussian_filter(whole, level)
-            stack.append((smooth[0] / np.where(frame.judged, smooth[1], 1))[frame.judged])
-        upper = np.clip(np.searchsorted(levels, sigma), 1, len(levels) - 1)
-        share = (sigma - levels[upper - 1]) / (levels[upper] - levels[upper - 1])
-        every, pixel = np.stack(stack), np.arange(len(z))
-        return np.clip((1 - share) * every[upper - 1, pixel] + share * every[upper, pixel], 0, 1)
 
     def _verdicts(
         self, frame: Frame, texture: np.ndarray, texel: np.ndarray, shift: np.ndarray, reading: Reading
@@ -250,3 +234,24 @@ def screen_steps(shadow_map: ShadowMap, frame: Frame, texture: Float[np.ndarray,
     across = np.einsum("ij,ij->i", normal, rays)
     moved = z[:, None, None] * (steps - rays[:, None] * ((normal @ steps.T) / across[:, None])[..., None])
     return np.linalg.solve(shadow_map.stretch(texture), moved[..., :2].transpose(0, 2, 1))
+
+
+def blurred(frame: Frame, sharp: Float[np.ndarray, " P"], reading: Reading) -> Float[np.ndarray, " P"]:
+    """SC 4.3: the grey image of 2x2 reads, blurred on the screen; with depth, near the viewer most."""
+    whole = frame.judged.astype(float)
+    image = frame.image(sharp, 0.0)
+    z = frame.depth[frame.judged]
+    widest = reading.blur_pixels / 2
+    sigma = np.full(len(z), widest)
+    if reading.filter == "eye_blur_depth":
+        sigma = widest * np.minimum(1, np.quantile(z, _NEAREST) / z)
+    # A few blurs, and between them the mean in proportion: each pixel has a width of its own.
+    levels = widest * np.array([0.0, 0.25, 0.5, 1.0])
+    stack = [sharp]
+    for level in levels[1:]:
+        smooth = ndimage.gaussian_filter(image, level), ndimage.gaussian_filter(whole, level)
+        stack.append((smooth[0] / np.where(frame.judged, smooth[1], 1))[frame.judged])
+    upper = np.clip(np.searchsorted(levels, sigma), 1, len(levels) - 1)
+    share = (sigma - levels[upper - 1]) / (levels[upper] - levels[upper - 1])
+    every, pixel = np.stack(stack), np.arange(len(z))
+    return np.clip((1 - share) * every[upper - 1, pixel] + share * every[upper, pixel], 0, 1)

@@ -7,8 +7,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from warpopt.frames import Frame, LitScene
-from warpopt.frames.fits import Fitted, Fitting
+from warpopt.frames import Frame, LitScene, ShadowMap
+from warpopt.frames.cascade_fits import Cascaded
+from warpopt.frames.cascaded_map import CascadedMap
+from warpopt.frames.fits import Fitted
 from warpopt.frames.names import title_of
 from warpopt.frames.pictures import map_picture, painted, worst_places, wrong_pixels
 from warpopt.rules.registry import EVERY
@@ -22,23 +24,41 @@ _GAP = 0.12
 
 
 def frame_pictures(
-    crops: int, scene: LitScene, frame: Frame, fitting: Fitting, fitted: list[Fitted], rows: list[dict[str, Any]],
-    shown: list[np.ndarray],
-) -> Iterator[tuple[Fitted, Figure]]:  # fmt: skip
-    """A picture for each warp: the frame, the places where all warps together are worst, and the map."""
+    crops: int, scene: LitScene, frame: Frame, fitted: list[Fitted | Cascaded], maps: list[ShadowMap | CascadedMap],
+    rows: list[dict[str, Any]], shown: list[np.ndarray],
+) -> Iterator[tuple[Fitted | Cascaded, Figure]]:  # fmt: skip
+    """A picture for each warp: the frame, the places where all warps together are worst, and the map or maps."""
     height = len(frame.judged)
     wrong = np.sum([wrong_pixels(frame, each) for each in shown], 0)
     window = max(height // 6, 8), max(height // 6, 8)
     places = worst_places(wrong, window, crops) if frame.defined else []
-    for made, row, each in zip(fitted, rows, shown, strict=True):
-        image = painted(scene, frame, each)
-        yield made, frame_picture(image, map_picture(fitting.map_of(made), 1024), places, window, made, row)
+    for made, shadow_map, row, each in zip(fitted, maps, rows, shown, strict=True):
+        if isinstance(shadow_map, CascadedMap):
+            texels = beside_each_other(shadow_map)
+        else:
+            texels = map_picture(shadow_map, 1024)
+        yield made, frame_picture(painted(scene, frame, each), texels, places, window, made, row)
+
+
+def beside_each_other(cascades: CascadedMap) -> np.ndarray:
+    """The pictures of cascades in rows, the nearest first, each stretched to a square; NaN where there is none."""
+    count = len(cascades.maps)
+    across = int(np.ceil(np.sqrt(count)))
+    side = 1024 // across
+    picture = np.full((-(-count // across) * side, across * side), np.nan)
+    for k, each in enumerate(cascades.maps):
+        if each is not None:
+            made, inner = map_picture(each, side), side - 8  # a gap between them
+            rows, columns = (np.arange(inner) * n // inner for n in made.shape)
+            row, column = divmod(k, across)
+            picture[row * side :, column * side :][:inner, :inner] = made[np.ix_(rows, columns)]
+    return picture
 
 
 @style.shared_style()
 def frame_picture(
-    image: np.ndarray, texels: np.ndarray, places: list[tuple[int, int]], window: tuple[int, int], made: Fitted,
-    row: dict[str, Any],
+    image: np.ndarray, texels: np.ndarray, places: list[tuple[int, int]], window: tuple[int, int],
+    made: Fitted | Cascaded, row: dict[str, Any],
 ) -> Figure:  # fmt: skip
     """The frame to the left; to its right the map, and the worst places below it."""
     rows, columns = image.shape[:2]
@@ -50,12 +70,21 @@ def frame_picture(
     figure = style.new_figure(wide + small + 3 * _GAP, high + 0.62)
     main = style.place(figure, _GAP, 0.5, wide, high)
     _show(main, image, "nearest" if wide * _PIXELS % columns == 0 else "antialiased")
-    style.beside(main, f"{title_of(made.name)}, η = {made.eta:.3g}", (0, 1), (0, 17), ha="left", va="bottom",
+    eta = f", η = {made.eta:.3g}" if isinstance(made, Fitted) else ""
+    style.beside(main, title_of(made.name) + eta, (0, 1), (0, 17), ha="left", va="bottom",
                  fontsize=10, fontweight="bold")  # fmt: skip
     style.beside(main, _words(row), (0, 1), (0, 4), ha="left", va="bottom", color=style.MUTED)
     side = style.place(figure, wide + 2 * _GAP, 0.5, small, small)
     _show(side, np.where(np.isnan(texels), 1.0, 0.15 + 0.7 * texels), "antialiased", cmap="gray", vmin=0, vmax=1)
-    style.beside(side, "shadow map", (0, 1), (0, 4), ha="left", va="bottom", color=style.MUTED)
+    style.beside(
+        side,
+        "shadow map" if isinstance(made, Fitted) else "shadow maps",
+        (0, 1),
+        (0, 4),
+        ha="left",
+        va="bottom",
+        color=style.MUTED,
+    )
     for k, (top, left) in enumerate(places):
         axes = style.place(figure, wide + 2 * _GAP, 0.5 + (k + 1) * (small + _GAP), small, small)
         crop = image[top : top + window[0], left : left + window[1]]
@@ -93,7 +122,7 @@ def scan_figure(scan: dict[str, Any], rows: list[dict[str, Any]]) -> Figure:
     axes = style.place(figure, 0.75, 0.2, 3.9, 2.55)
     axes.plot(eta, wrong, color=style.INK, linewidth=1.4, zorder=2)
     handles = []
-    for k, row in enumerate(row for row in rows if row.get("wrong") is not None):
+    for k, row in enumerate(row for row in rows if row.get("wrong") is not None and "splits" not in row):
         name = row["warp"]
         colour = COLOURS.get(name) or (EVERY[name].colour if name in EVERY else "#cc79a7")
         value = 100 * row["wrong"]

@@ -12,9 +12,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from warpopt.frames import Frame, LitScene, measured, see
+from warpopt.frames import Frame, LitScene, ShadowMap, measured, see
+from warpopt.frames.cascade_fits import Cascaded, fit_cascades, maps_of
+from warpopt.frames.cascaded_map import CascadedMap
 from warpopt.frames.fits import SCAN, Fitted, Fitting
-from warpopt.frames.names import title_of
+from warpopt.frames.names import cascades_of, title_of
 from warpopt.frames.paths import path
 
 from ...scene_files.scene_camera import SceneCamera
@@ -26,8 +28,8 @@ from .report import frames_report, summary
 from .settings import FramesConfig
 
 COLUMNS = (
-    "frame", "camera", "light", "theta_deg", "warp", "eta", "wrong", "false", "missing", "filtered", "far", "judged",
-    "away", "grazing", "background", "excluded",
+    "frame", "camera", "light", "theta_deg", "warp", "eta", "splits", "wrong", "false", "missing", "filtered", "far",
+    "judged", "away", "grazing", "background", "excluded",
 )  # fmt: skip
 
 
@@ -152,26 +154,37 @@ def _record(config: FramesConfig, scene: SceneInput, place: Place, lit: LitScene
         rows = [same | {"warp": name} for name in frames.warps]
         return {"rows": rows, "files": [], "pictures": [], "scan": None, "inside": frame.inside}
     fitting, reading = _fitting(config, lit, frame), frames.reading()
-    fitted, verdicts, scan = [], [], None
+    fitted, maps, verdicts, scan = [], [], [], None
     for name in frames.warps:
         if name == "best":
             made, errors = fitting.scan(reading)
             scan = {"eta": list(SCAN), "wrong": [None if np.isnan(v) else float(v) for v in errors]}
         else:
-            made = fitting.fitted(name)
+            made = fit_cascades(fitting, name) if cascades_of(name) else fitting.fitted(name)
         fitted.append(made)
-        verdicts.append(measured(frame, fitting.map_of(made), reading, frames.seed + 1))
+        maps.append(maps_of(fitting, made) if isinstance(made, Cascaded) else fitting.map_of(made))
+        verdicts.append(measured(frame, maps[-1], reading, frames.seed + 1))
     numbers = ("wrong", "false", "missing", "filtered", "far")
     rows = [
-        same | {"warp": made.name, "eta": made.eta} | {
+        same | {"warp": made.name} | _told(made) | {
             key: None if np.isnan(getattr(verdict, key)) else getattr(verdict, key) for key in numbers
         } | ({} if made.defined else {"excluded": "the rule gives no warp"})
         for made, verdict in zip(fitted, verdicts, strict=True)
     ]  # fmt: skip
-    files = _pictures(config, place, lit, frame, fitting, fitted, rows, scan, parts) if config.output.figures else []
+    files = _pictures(config, place, lit, frame, fitted, maps, rows, scan, parts) if config.output.figures else []
     return {
         "rows": rows, "files": [name for name, _ in files], "pictures": files, "scan": scan, "inside": frame.inside,
     }  # fmt: skip
+
+
+def _told(made: Fitted | Cascaded) -> dict[str, Any]:
+    """eta, and cascades' splits; several numbers in one cell, with spaces between them."""
+    if isinstance(made, Fitted):
+        return {"eta": made.eta}
+    return {
+        "eta": " ".join("-" if eta is None else f"{eta:.6g}" for eta in made.eta),
+        "splits": " ".join(f"{z:.6g}" for z in made.splits),
+    }
 
 
 def _fitting(config: FramesConfig, lit: LitScene, frame: Frame) -> Fitting:
@@ -190,17 +203,17 @@ def excluded_because(frame: Frame) -> str:
 
 
 def _pictures(
-    config: FramesConfig, place: Place, lit: LitScene, frame: Frame, fitting: Fitting, fitted: list[Fitted],
-    rows: list[dict], scan: dict | None, parts: Parts,
+    config: FramesConfig, place: Place, lit: LitScene, frame: Frame, fitted: list[Fitted | Cascaded],
+    maps: list[ShadowMap | CascadedMap], rows: list[dict], scan: dict | None, parts: Parts,
 ) -> list[tuple[str, str]]:  # fmt: skip
     # Imported here: matplotlib's first import on a machine scans all fonts.
     from .figures import frame_pictures, scan_figure
 
     stem = f"frame_{place.number:03d}"
     reading = config.frames.reading()
-    shown = [fitting.map_of(made).visibility(frame, reading) for made in fitted]
+    shown = [each.visibility(frame, reading) for each in maps]
     written = []
-    for made, figure in frame_pictures(config.frames.crops, lit, frame, fitting, fitted, rows, shown):
+    for made, figure in frame_pictures(config.frames.crops, lit, frame, fitted, maps, rows, shown):
         name = f"{stem}_{made.name}.png"
         figure.savefig(parts.folder / name, dpi=100)
         written.append((name, f"Frame {place.number}, {title_of(made.name)}."))

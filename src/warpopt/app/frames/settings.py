@@ -7,7 +7,7 @@ import pydantic
 from pydantic import Field
 
 from warpopt.frames import NoRayCaster, Reading, ray_caster
-from warpopt.frames.names import DEFAULT, objective_of, warp_of_method
+from warpopt.frames.names import DEFAULT, refuse_unknown, warp_of_method
 
 from ..common.settings import ConfigError, Distinct, FileName, Positive, Section, listed
 from ..inputs.camera_settings import Resolution
@@ -16,7 +16,7 @@ from ..inputs.scene_settings import SceneSettings
 
 
 def _known(name: str) -> str:
-    return _checked_by(objective_of, name)
+    return _checked_by(refuse_unknown, name)
 
 
 def _known_method(name: str) -> str:
@@ -58,7 +58,8 @@ class FramesSection(Section):
         pydantic.BeforeValidator(listed), Field(min_length=1), Distinct,
     ] = Field(default=list(DEFAULT))  # fmt: skip
     """"none", a rule's name, "edge", "band", METRIC-NORM such as "p-inf", and "best": a scan over eta. "turned-" before
-    edge, band, storage-inf or pxq's: along the best direction; "shaped-": with the best aspect too."""
+    edge, band, storage-inf or pxq's: along the best direction; "shaped-": with the best aspect too. COUNT-SPLITS-WARP,
+    such as "4-logarithmic-turned-edge": so many cascades, with as many texels together."""
     fit: Literal["receivers", "engine"] = "receivers"
     """Rules and norms inf over the depth buffer of the frame, or over the view frustum cut by the scene's box."""
     screen: Resolution = (640, 400)

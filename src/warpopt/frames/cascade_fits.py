@@ -1,0 +1,114 @@
+"""Cascades by name, fitted to a frame: splits of a scheme, of an engine, or the best ones, each with its warp."""
+
+import dataclasses
+
+import numpy as np
+
+from .. import cascades
+from ..objective import Objective
+from ..solve.solution import SceneSolution
+from ..views import SceneView
+from .cascaded_map import CascadedMap
+from .fits import Fitted, Fitting
+from .names import ENGINES, Cascades, cascades_of, objective_of, turn_of
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Cascaded:
+    """Cascades, fitted to a frame.
+
+    Attributes:
+        name: COUNT-SPLITS-WARP.
+        splits: count + 1 view depths.
+        parts: each cascade's warp; None for one that holds nothing.
+        defined: always.
+        promised: None.
+    """
+
+    name: str
+    splits: tuple[float, ...]
+    parts: tuple[Fitted | None, ...]
+    defined: bool = True
+    promised: None = None
+
+    @property
+    def eta(self) -> tuple[float | None, ...]:
+        """Each cascade's."""
+        return tuple(None if part is None else part.eta for part in self.parts)
+
+
+def fit_cascades(fitting: Fitting, name: str) -> Cascaded:
+    """The cascades of a name: together they have as many texels as the fitting's map.
+
+    Raises:
+        ValueError: an unknown name, a single map's, or an engine that has no default for this number.
+    """
+    asked = cascades_of(name)
+    if asked is None:
+        raise ValueError(f"cascades: got {name!r}, expected COUNT-SPLITS-WARP, such as '4-logarithmic-turned-edge'")
+    size = _of_each(fitting.size, asked.count)
+    objective = None if asked.warp == "sphere" else objective_of(asked.warp)
+    view = _view(fitting, asked.warp, objective, size)
+    goal = objective or Objective()
+    plan = cascades.errors(view, _splits(fitting, asked), goal, warp=objective is not None)
+    casters = fitting.scene.corners_all
+    if asked.warp == "sphere":
+        matrices, _ = plan.matrices(casters=casters, fit="sphere", texels=min(size))
+        size = min(size), min(size)
+    else:
+        matrices, _ = plan.matrices(casters=casters)
+    assert isinstance(plan.solutions, SceneSolution)  # over a scene
+    shares, etas = np.asarray(plan.solutions.shares, float), np.asarray(plan.warps.eta, float)
+    made = []
+    for matrix, eta, share in zip(np.asarray(matrices, float), etas, shares, strict=True):
+        texels = _shaped(size, float(share[0])) if asked.warp.startswith("shaped-") else size
+        made.append(Fitted(name, float(eta), matrix, size=texels) if np.isfinite(matrix).all() else None)
+    return Cascaded(name, tuple(map(float, plan.splits)), tuple(made))
+
+
+def maps_of(fitting: Fitting, made: Cascaded) -> CascadedMap:
+    """The shadow maps rendered with the fitted matrices."""
+    maps = tuple(None if part is None else fitting.map_of(part) for part in made.parts)
+    return CascadedMap(fitting.frame.camera, maps, made.splits[1:])
+
+
+def _of_each(size: tuple[int, int], count: int) -> tuple[int, int]:
+    """The size of each of several maps that have as many texels as one, up to rounding."""
+    across, along = (max(2, round(side / np.sqrt(count))) for side in size)
+    return across, along
+
+
+def _shaped(size: tuple[int, int], share: float) -> tuple[int, int]:
+    across = max(1, round(size[0] * share))
+    return across, max(1, round(size[0] * size[1] / across))
+
+
+def _view(fitting: Fitting, warp: str, objective: Objective | None, size: tuple[int, int]) -> SceneView:
+    """The frame's view for one warp and maps of a size."""
+    prefix, kind = turn_of(warp)
+    base = fitting.view(kind) if kind in ("edge", "band") else fitting.whole(objective)
+    shaped = prefix == "shaped-" and objective is not None and objective.kernel is not None
+    return SceneView(
+        base.camera, base.light, base.receivers, screen=base.screen, shadow_map=size,
+        warp_direction="best" if prefix else "view", map_aspect="best" if shaped else 1.0,
+        turn_only_if=fitting.turn_only_if,
+    )  # fmt: skip
+
+
+def _splits(fitting: Fitting, asked: Cascades) -> np.ndarray:
+    frame, camera = fitting.frame, fitting.frame.camera
+    seen = frame.depth[np.isfinite(frame.depth)]
+    near, far = float(seen.min()), float(seen.max())
+    if asked.splits in ENGINES:
+        scheme = cascades.splits.ENGINES[asked.splits]
+        return np.asarray(scheme(camera.near, camera.far if np.isfinite(camera.far) else far, asked.count))
+    if asked.splits in cascades.splits.SCHEMES:
+        if not near < far:
+            return np.array([near, *[far] * asked.count])
+        return np.asarray(cascades.splits.SCHEMES[asked.splits](near, far, asked.count))
+    key = asked.count, asked.splits, asked.warp not in ("none", "sphere")
+    if key not in fitting.best_splits:
+        objective = objective_of(asked.splits)
+        view = _view(fitting, asked.splits, objective, _of_each(fitting.size, asked.count))
+        fitting.best_splits[key] = np.asarray(cascades.plan(view, asked.count, objective, warp=key[-1]).splits)
+    return fitting.best_splits[key]

@@ -1,0 +1,107 @@
+"""Cascades on pixels: names, several maps read as one, and their fits."""
+
+import numpy as np
+import pytest
+from frame_cases import camera_at, tables
+
+import warpopt
+from warpopt.frames import FILTERS, LitScene, Reading, ShadowMap, measured, see
+from warpopt.frames.cascade_fits import fit_cascades, maps_of
+from warpopt.frames.cascaded_map import CascadedMap
+from warpopt.frames.fits import Fitting
+from warpopt.frames.names import Cascades, cascades_of, refuse_unknown, title_of
+
+pytest.importorskip("embreex")
+LIGHT = np.array([0.5, -1.0, 0.3])
+
+
+@pytest.fixture(scope="module")
+def fitting():
+    scene = LitScene(tables(9), LIGHT)
+    return Fitting(scene, see(scene, camera_at((3, 4, 9), (0, 0.5, 0), aspect=96 / 60), 60, 96), (64, 64))
+
+
+def test_names_say_how_many_which_splits_and_which_warp():
+    assert cascades_of("2-p-inf-pxq-l2") == Cascades(2, "p-inf", "pxq-l2")
+    assert cascades_of("16-godot-sphere") == Cascades(16, "godot", "sphere")
+    for name in ("lispsm", "p-inf", "shaped-edge", "none", ""):
+        assert cascades_of(name) is None
+    assert title_of("4-edge-turned-band") == "4 cascades, best edge-weighted splits, band, turned"
+    unknown = (
+        "4", "4-logarithmic", "0-logarithmic-none", "17-logarithmic-none", "4-turned-edge-none", "4-none-none",
+        "4-logarithmic-lispsm", "4-logarithmic-best", "4-logarithmic-turned-p-inf",
+    )  # fmt: skip
+    for name in unknown:
+        with pytest.raises(ValueError, match="expected COUNT-SPLITS-WARP"):
+            refuse_unknown(name)
+
+
+@pytest.mark.parametrize("filter_", FILTERS)
+def test_one_map_in_several_parts_reads_as_it_does_whole(fitting, filter_):
+    """Blurs too, which read across the borders of cascades."""
+    frame, reading = fitting.frame, Reading(filter_)
+    whole = ShadowMap(fitting.scene, fitting.fitted("none").matrix, (64, 64))
+    shift = np.random.default_rng(0).random((len(frame.places), 2))
+    parts = CascadedMap(frame.camera, (whole, None, whole, whole), (9.0, 9.5, 11.0, 30.0))
+    np.testing.assert_array_equal(
+        parts.visibility(frame, reading, shift), whole.visibility(frame, reading, shift)
+    )  # fmt: skip
+    assert len(np.unique(parts.which(frame))) == 3
+
+
+def test_a_receiver_reads_the_cascade_of_its_depth(fitting):
+    frame = fitting.frame
+    depth = frame.depth[frame.judged]
+    ends = (float(np.quantile(depth, 0.3)) + 1e-9, float(np.quantile(depth, 0.7)) + 1e-9, float(depth.max()))
+    maps = [ShadowMap(fitting.scene, fitting.fitted("none").matrix, (size, size)) for size in (16, 32, 64)]
+    shown = CascadedMap(frame.camera, tuple(maps), ends).visibility(frame, Reading())
+    for k, (first, last) in enumerate(zip((0, *ends), ends, strict=False)):
+        mine = (depth > first) & (depth <= last)
+        np.testing.assert_array_equal(shown[mine], maps[k].visibility(frame, Reading())[mine])
+    for wrong, words in (((maps[:1], ends), "ends"), ((maps, ends[::-1]), "ends"), (((None,), (3.0,)), "maps")):
+        with pytest.raises(ValueError, match=words):
+            CascadedMap(frame.camera, tuple(wrong[0]), wrong[1])
+
+
+def test_fits_are_the_library_s_plan_and_hold_every_receiver(fitting):
+    """Also the best direction and aspect of each, at as many texels together, and engines' ranges."""
+    frame = fitting.frame
+    depth = frame.depth[np.isfinite(frame.depth)]
+    made = fit_cascades(fitting, "2-logarithmic-p-inf")
+    np.testing.assert_allclose(made.splits, np.geomspace(depth.min(), depth.max(), 3), rtol=1e-12)
+    view = fitting.uniform()
+    halves = warpopt.SceneView(view.camera, view.light, view.receivers, screen=view.screen, shadow_map=(45, 45))
+    plan = warpopt.cascades.errors(halves, made.splits, warpopt.Objective("p"))
+    matrices, _ = plan.matrices(casters=fitting.scene.corners_all)
+    for part, matrix, eta in zip(made.parts, np.asarray(matrices), np.asarray(plan.warps.eta), strict=True):
+        np.testing.assert_allclose(part.matrix, matrix, rtol=1e-12, atol=1e-12)
+        assert (part.eta, part.size) == (pytest.approx(float(eta)), (45, 45))
+    for name in ("2-logarithmic-p-inf", "2-p-inf-shaped-edge", "2-logarithmic-sphere"):
+        made = fit_cascades(fitting, name)
+        maps = maps_of(fitting, made)
+        which = maps.which(frame)
+        for k, each in enumerate(maps.maps):
+            texture = each.texture(frame.places[which == k])
+            assert -1e-6 < texture.min() < texture.max() < 1 + 1e-6, name
+        texels = sum(part.size[0] * part.size[1] for part in made.parts)
+        assert texels == pytest.approx(64 * 64, rel=0.03)  # sides are whole: half a texel of 45
+    far = fit_cascades(fitting, "4-godot-none")
+    assert far.splits == pytest.approx((0.05, 10, 20, 50, 100))
+    assert far.parts[3] is None  # nothing is seen beyond 50
+    assert far.eta == (1, 1, pytest.approx(1) if far.parts[2] else None, None)
+    alone = fit_cascades(fitting, "1-logarithmic-p-inf")
+    np.testing.assert_allclose(alone.parts[0].matrix, fitting.fitted("p-inf").matrix, rtol=1e-9, atol=1e-9)
+    best = fit_cascades(fitting, "2-p-inf-none").splits  # no warp: its own splits
+    assert best != fit_cascades(fitting, "2-p-inf-p-inf").splits
+    with pytest.raises(ValueError, match="got 'p-inf', expected COUNT-SPLITS-WARP"):
+        fit_cascades(fitting, "p-inf")
+
+
+def test_cascades_have_a_smaller_error_than_one_map(fitting):
+    """Of as many texels: a sanity check on the whole chain, by a margin that no grid shift closes."""
+    frame = fitting.frame
+    one = measured(frame, fitting.map_of(fitting.fitted("none")))
+    four = measured(frame, maps_of(fitting, fit_cascades(fitting, "4-logarithmic-none")))
+    spheres = measured(frame, maps_of(fitting, fit_cascades(fitting, "4-logarithmic-sphere")))
+    assert four.wrong < 0.9 * one.wrong
+    assert four.wrong < spheres.wrong
