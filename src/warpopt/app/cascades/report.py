@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 TITLES = {
     "best": "the best", "logarithmic": "logarithmic", "practical": "practical, 0.5", "uniform": "uniform",
     "godot": "Godot's fractions", "unity": "Unity's fractions", "unreal": "Unreal's exponent 3",
-    "bevy": "Bevy's, first to 10", "three": "three.js's practical split", "filament": "Filament's quarters",
+    "bevy": "Bevy's, first to 10", "three": "three.js's practical split", "filament": "Filament's halvings",
 }  # fmt: skip
 
 
