@@ -15,6 +15,7 @@ from .numbers import ByNumber, Texels
 from .report import TITLES
 from .rows import BEST, STEPPED, Config, Row, objective_of
 from .screen import screen_figure
+from .settings import SceneCascadesConfig
 
 _COLOURS = {
     "best": "#000000", "stepped": "#777777", "logarithmic": "#0d61d9", "practical": "#d62612", "uniform": "#a3a3a3",
@@ -62,7 +63,7 @@ def write_figures(
         words = "Texels for one a pixel over what no maps of any kind can better, over logarithmic splits. Ringed: the"
         words += " number of maps that needs least. With a light close to the view's axis the two lines are one."
         write("texels", texels_figure(texels), words)
-    if scene is not None and scene.depths:
+    if isinstance(config, SceneCascadesConfig) and scene is not None and scene.depths:
         best = [row for row in rows if row.name == BEST]
         places = list(dict.fromkeys((row.camera, row.light) for row in best))
         chosen = np.linspace(0, len(places) - 1, min(len(places), MOST_SCREENS)).round().astype(int)
@@ -212,13 +213,12 @@ def path_figure(scene: SceneInput, rows: list[Row]) -> Figure:
             continue
         for k in range(1, len(mine[0].plan.errors)):
             depths = [float(row.plan.splits[k]) for row in mine]
-            (line,) = upper.plot(
-                x, depths, color=_COLOURS[name], linewidth=width, label=TITLES[name],
-                drawstyle="default" if name == BEST else "steps-mid",
-            )  # fmt: skip
+            drawn = "default" if name == BEST else "steps-mid"
+            upper.plot(x, depths, color=_COLOURS[name], linewidth=width, drawstyle=drawn)
+        values = [float(row.plan.value) for row in mine]
+        (line,) = lower.plot(x, values, color=_COLOURS[name], linewidth=width, label=TITLES[name])
         handles.append(line)
-        lower.plot(x, [float(row.plan.value) for row in mine], color=_COLOURS[name], linewidth=width)
-        errors += [float(row.plan.value) for row in mine]
+        errors += values
     plain = found(BEST, False) if warped else []
     if plain:
         values = [float(row.plan.value) for row in plain]

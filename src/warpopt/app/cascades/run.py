@@ -38,7 +38,9 @@ def run_cascades(config: Config, scene: SceneInput | None, console: Console | No
     with whole_folder(config.output.directory) as folder:
         with timed(timings, "solve_s"):
             rows = [row for place, view in _views(config, scene).items() for row in _rows(config, scene, *place, view)]
-            numbers, totals = (errors_by_number(config), texels(config)) if scene is None else ([], [])
+            numbers, totals = [], []
+            if isinstance(config, CascadesConfig):
+                numbers, totals = errors_by_number(config), texels(config)
         figures: list[tuple[str, str]] = []
         if config.output.figures:
             from .figures import write_figures  # matplotlib's first import on a machine scans all fonts

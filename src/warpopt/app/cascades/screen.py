@@ -12,20 +12,22 @@ from ..common import screen_panels as screen
 from ..common.error_maps import Mapping, Seen, errors, image_of, shading
 from ..inputs.scene_files import SceneInput
 from ..inputs.scene_values import buffer_of
-from .rows import Config, Row, objective_of
+from .rows import Row, objective_of
+from .settings import SceneCascadesConfig
 
 _CASCADES = ("#d1495b", "#edae49", "#3f9c6b", "#30638e")  # from the nearest, again beyond the fourth
 
 
-def screen_figure(config: Config, scene: SceneInput, rows: list[Row]) -> Figure | None:
+def screen_figure(config: SceneCascadesConfig, scene: SceneInput, rows: list[Row]) -> Figure | None:
     """One camera under one light: the picture by cascade, and the error of each row's splits; None if all is sky."""
     camera, buffer = scene.cameras[rows[0].camera], buffer_of(scene, rows[0].camera)
     assert buffer is not None  # asked for pixels alone
     seen = image_of(camera, np.asarray(buffer.eye_depth(camera_of(camera))))
     if not np.isfinite(seen.depth).any():
         return None
-    metric = objective_of(config).name
-    return _drawn(config, seen, rows, [errors_of(seen, row, metric) for row in rows], metric)
+    assert rows[0].plan.solutions is not None  # over a scene
+    light = np.asarray(rows[0].plan.solutions.frame.light)[0]
+    return _drawn(config, seen, rows, [errors_of(seen, row, objective_of(config).name) for row in rows], light)
 
 
 def cascade_of(seen: Seen, row: Row) -> np.ndarray:
@@ -45,13 +47,14 @@ def errors_of(seen: Seen, row: Row, metric: str) -> np.ndarray:
 
 
 @style.shared_style()
-def _drawn(config: Config, seen: Seen, rows: list[Row], found: list[np.ndarray], metric: str) -> Figure:
+def _drawn(
+    config: SceneCascadesConfig, seen: Seen, rows: list[Row], found: list[np.ndarray], light: np.ndarray
+) -> Figure:  # fmt: skip
     width, height = screen.size_of(seen.depth.shape)
     left, top, gap = 0.12, 0.5, 0.1
     figure = style.new_figure(left + (1 + len(rows)) * (width + gap) + 0.95, top + height + 0.12)
     places = [style.place(figure, left + i * (width + gap), top, width, height) for i in range(1 + len(rows))]
     number = cascade_of(seen, rows[0])
-    light = np.asarray(rows[0].plan.solutions.frame.light)[0]
     colours = np.array([to_rgb(_CASCADES[k % len(_CASCADES)]) for k in range(len(rows[0].plan.errors))])
     screen.panel(places[0])
     tint = screen.tinted(shading(seen, light), colours[np.minimum(number, len(colours) - 1)])
@@ -66,5 +69,5 @@ def _drawn(config: Config, seen: Seen, rows: list[Row], found: list[np.ndarray],
         words = f"at worst {screen.number(float(np.nanmax(error)))}"
         screen.title(axes, "The best, a warp in each" if row.warped else "The best without warps", words)
     place = left + (1 + len(rows)) * (width + gap) + 0.02, top, height
-    screen.bar_beside(figure, images[0], place, metric, pixels)
+    screen.bar_beside(figure, images[0], place, objective_of(config).name, pixels)
     return figure
