@@ -65,6 +65,22 @@ def test_what_engines_splits_lose(name, near, far, ratios, lost):
     np.testing.assert_allclose(found, lost, rtol=0.03)
 
 
+@pytest.mark.parametrize(
+    ("name", "near", "far", "count", "depths"),
+    [
+        ("godot", 1, 101, 4, (1, 11, 21, 51, 101)), ("godot", 1, 101, 2, (1, 11, 101)),
+        ("unity", 1, 100, 4, (1, 6.7, 20, 46.7, 100)), ("unity", 1, 100, 3, (1, 10, 30, 100)),
+        ("unity", 1, 100, 2, (1, 25, 100)), ("unreal", 1, 14, 3, (1, 2, 5, 14)),
+        ("bevy", 0.1, 160, 3, (0.1, 10, 40, 160)), ("three", 1, 100, 2, (1, 30.25 + 0.6975, 100)),
+        ("filament", 1, 9, 4, (1, 2, 3, 5, 9)), ("filament", 1, 9, 2, (1, 2, 9)),
+    ],
+)  # fmt: skip
+def test_engines_split_where_their_sources_say(name, near, far, count, depths):
+    """Worked by hand from the sources named in each docstring: from the eye or from near, in all of its numbers."""
+    np.testing.assert_allclose(splits.ENGINES[name](near, far, count), depths, rtol=1e-12)
+    np.testing.assert_array_equal(splits.ENGINES[name](near, far, 1), (near, far))
+
+
 def test_no_certificate_is_violated():
     """Theorems 2 and 3 on 1e5 frusta with random splits, shares and bands: min e <= optimum <= max e."""
     rng, count = np.random.default_rng(4), 100_000

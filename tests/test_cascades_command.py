@@ -6,10 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scene_cases import BOX, toml
+from scene_cases import BOX, ground, toml
 
 import warpopt
+from warpopt.app.cascades.rows import Row
+from warpopt.app.cascades.screen import cascade_of, errors_of
+from warpopt.app.cascades.settings import read_cascades_config
 from warpopt.app.cli import main
+from warpopt.app.common.error_maps import image_of
+from warpopt.app.inputs.scene_files import read_scene
+from warpopt.app.inputs.scene_values import buffer_of, under_light, views_of
+from warpopt.theory.camera import camera_of
 
 FRUSTUM = """[view]
 near = 0.05
@@ -39,7 +46,7 @@ def test_a_frustum_end_to_end(capsys):
     """Godot's sentence, and every number as the library has it."""
     assert invoke(FRUSTUM) == 0
     report = Path("out/report.md").read_text()
-    assert "Godot's fractions over the frustum: 71.8 times the best error without warps, 5.25 with" in report
+    assert "Godot's fractions over the frustum: 72.1 times the best error without warps, 5.26 with" in report
     assert "they would be balanced if nothing were nearer than 4." in report
     assert "| maps | 1 |" in report
     rows = json.loads(Path("out/cascades.json").read_text())
@@ -53,10 +60,21 @@ def test_a_frustum_end_to_end(capsys):
     with Path("out/cascades.csv").open() as file:
         lines = list(csv.DictReader(file))
     assert len(lines) == 4 * len(rows)
-    for name in ("lost.png", "along.png"):
+    with Path("out/counts.csv").open() as file:
+        counts = {(r["splits"], r["warped"], int(r["maps"])): float(r["over_best"]) for r in csv.DictReader(file)}
+    for row in rows:  # the same numbers by another way: one solve for the longest cascade of each
+        if row["splits_by"] != "best":
+            told = counts[row["splits_by"], str(row["warped"]), 4]
+            assert told == pytest.approx(row["over_best"], rel=1e-9)
+    assert [k for name, warped, k in counts if (name, warped) == ("godot", "True")] == [1, 2, 4]
+    assert counts["logarithmic", "True", 8] == pytest.approx(1)
+    totals = warpopt.cascades.count(view)[1]
+    bound = warpopt.lower_bound(warpopt.cascades.counts.in_world(view), warpopt.Objective("storage"))
+    assert f"| warped | {float(totals[0] / bound):.3g} | {float(totals[1] / bound):.3g} |" in report
+    for name in ("lost.png", "along.png", "counts.png", "texels.png"):
         assert f"({name})" in report
         assert Path("out", name).stat().st_size > 5000
-    assert "71.8" in capsys.readouterr().out
+    assert "72.1" in capsys.readouterr().out
 
 
 def test_a_scene_has_matrices_and_both_ranges():
@@ -70,11 +88,66 @@ def test_a_scene_has_matrices_and_both_ranges():
     assert "camera's planes" in Path("out/report.md").read_text()
 
 
+PATH = "path = [[0.3, -1, -0.2], [0.6, -0.9, 0.3], [0.9, -0.4, 0.1]]"
+
+
+def test_every_light_of_a_path_has_its_plan_from_one_program():
+    """Each light's rows are those of the light alone; splits at whole steps; no compilation for a further light."""
+    more = "[cascades]\ncount = 2\nstep = 1.1\nbeside = ['logarithmic']\n"
+    assert invoke(toml(BOX, light="direction = [0.6, -0.9, 0.3]", more=more)) == 0
+    alone = json.loads(Path("out/cascades.json").read_text())
+    programs = warpopt.cascades.over_scene._solved._cache_size()
+    assert invoke(toml(BOX, light=PATH, more=more)) == 0
+    assert warpopt.cascades.over_scene._solved._cache_size() == programs
+    rows = json.loads(Path("out/cascades.json").read_text())
+    assert {row["light"] for row in rows} == {0, 1, 2}
+    for one, other in zip(alone, (row for row in rows if row["light"] == 1), strict=True):
+        assert {**one, "light": 1} == other
+    values = {row["light"]: row["value"] for row in rows if row["splits_by"] == "best" and row["warped"]}
+    assert len({round(v, 6) for v in values.values()}) == 3
+    places = np.log([row["splits"] for row in rows if row["splits_by"] == "stepped"]) / np.log(1.1)
+    np.testing.assert_allclose(places, places.round(), atol=1e-9)
+    report = Path("out/report.md").read_text()
+    assert f"the error is {min(values.values()):.4g} to {max(values.values()):.4g}" in report
+    assert "over 3 lights" in report
+    assert "At whole steps of 1.1 they have" in report
+    assert "times from light to light, of 2" in report
+    assert "No picture of the screen: the receivers are not pixels." in report
+    with Path("out/cascades.csv").open() as file:
+        assert {line["light"] for line in csv.DictReader(file)} == {"0", "1", "2"}
+
+
+def test_the_screen_is_drawn_by_cascade():
+    """Each pixel in its own map: the largest error of a cascade's pixels is the plan's for it."""
+    np.save("depth.npy", ground()[::3, ::3])  # few enough to be taken one by one
+    more = "[cascades]\ncount = 3\nbeside = []\n"
+    text = toml("depth = { files = ['depth.npy'] }", light=PATH, more=more).replace("figures = false", "figures = true")
+    assert invoke(text) == 0
+    report = Path("out/report.md").read_text()
+    for name in ("path", "screen_camera0_light0", "screen_camera0_light2"):
+        assert f"({name}.png)" in report
+        assert Path("out", f"{name}.png").stat().st_size > 5000
+    assert "No picture" not in report
+    config = read_cascades_config(Path("cascades.toml"), [])
+    scene = read_scene(config, Path())
+    view = under_light(views_of(config, scene)[0], 2)
+    camera = scene.cameras[0]
+    seen = image_of(camera, np.asarray(buffer_of(scene, 0).eye_depth(camera_of(camera))))
+    for warped in (True, False):
+        plan = warpopt.cascades.plan(view, 3, warp=warped)
+        row = Row(0, 2, "best", "receivers", warped, plan, float(plan.value))
+        error, number = errors_of(seen, row, "p"), cascade_of(seen, row)
+        assert np.isfinite(error).sum() == np.isfinite(seen.depth).sum()
+        largest = [np.nanmax(error[number == k]) for k in range(3)]
+        np.testing.assert_allclose(largest, plan.errors, rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("more", "words"),
     [
         ("[cascades]\ncount = 0\n", "cascades.count"), ("[cascades]\noverlap = 1.0\n", "cascades.overlap"),
         ("[cascades]\nshares = [1.0]\n", "shares: got 1, expected 4"), ("[cascades]\nbeside = ['doom']\n", "beside"),
+        ("[cascades]\nstep = 1.0\n", "cascades.step"),
         ("[receivers]\nwhole_frustum = {}\n", "got [view] with a scene"),
     ],
 )  # fmt: skip

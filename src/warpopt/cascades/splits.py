@@ -111,32 +111,43 @@ def stepped(splits: Numbers, step: float = 1.1) -> Float[Array, "... K+1"]:
 
 
 def godot(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K+1"]:
-    """Godot 4's defaults, `directional_shadow_split_1` to `_3`: 0.1, 0.2, 0.5 of the largest distance (scene/3d/
-    light_3d.cpp, and its class reference); with two cascades the first.
+    """Godot 4's defaults: 0.1, 0.2 and 0.5 of the way from near to far, with two cascades 0.1.
+
+    `directional_shadow_split_1` to `_3` and their values: scene/3d/light_3d.cpp at commit 8ea4ec9531e3; that they are
+    of the range between the camera's near plane and `directional_shadow_max_distance`:
+    servers/rendering/renderer_scene_cull.cpp at 0001ea78a2d5.
 
     Args and raises as `uniform`; count 1, 2 or 4.
 
     Example:
-        >>> godot(0.05, 100.0).tolist()
-        [0.05, 10.0, 20.0, 50.0, 100.0]
+        >>> [round(float(z), 3) for z in godot(0.05, 100.0)]
+        [0.05, 10.045, 20.04, 50.025, 100.0]
     """
-    return _menu("godot", near, far, count, {1: (), 2: (0.1,), 4: (0.1, 0.2, 0.5)})
+    return _on_the_way(near, far, _menu("godot", count, {1: (), 2: (0.1,), 4: (0.1, 0.2, 0.5)}))
 
 
 def unity(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K+1"]:
-    """Unity's defaults: 1/15, 3/15, 7/15 of the shadow distance (`QualitySettings.shadowCascade4Split`), 1/3 with two.
+    """Unity's universal pipeline: 0.067, 0.2 and 0.467 of the shadow distance; with three 0.1 and 0.3, with two 0.25.
 
-    Args and raises as `uniform`; count 1, 2 or 4.
+    Values: Packages/com.unity.render-pipelines.universal/Runtime/Data/UniversalRenderPipelineAsset.cs at commit
+    2aa675fe9472. What they are fractions of is decided in the engine, whose source is not public: by documentation
+    (page QualitySettings.shadowCascade4Split) positions "with respect to zero", here fractions of far from the eye.
+
+    Args and raises as `uniform`; count 1 to 4.
 
     Example:
         >>> [round(float(z), 2) for z in unity(0.3, 150.0)]
-        [0.3, 10.0, 30.0, 70.0, 150.0]
+        [0.3, 10.05, 30.0, 70.05, 150.0]
     """
-    return _menu("unity", near, far, count, {1: (), 2: (1 / 3,), 4: (1 / 15, 3 / 15, 7 / 15)})
+    menu = {1: (), 2: (0.25,), 3: (0.1, 0.3), 4: (0.067, 0.2, 0.467)}
+    return fractions(near, far, _menu("unity", count, menu))
 
 
 def unreal(near: Numbers, far: Numbers, count: int = 3, exponent: float = 3.0) -> Float[Array, "... K+1"]:
     """Unreal's distribution exponent: lengths in geometric progression, each `exponent` times the one before.
+
+    By repute: the source is not public, and the documentation (page UDirectionalLightComponent, member
+    CascadeDistributionExponent) says only that a larger exponent brings cascades nearer to the camera.
 
     Args and raises as `uniform`; exponent >= 1.
 
@@ -153,9 +164,10 @@ def unreal(near: Numbers, far: Numbers, count: int = 3, exponent: float = 3.0) -
 
 
 def bevy(near: Numbers, far: Numbers, count: int = 4, first: float = 10.0) -> Float[Array, "... K+1"]:
-    """Bevy's: the first cascade ends at `first`, equal ratios beyond (crates/bevy_light/src/cascade.rs).
+    """Bevy's: the first cascade ends at `first`, equal ratios beyond.
 
-    Its cascades overlap by a fifth of their near distance by default: `overlap` of `cascades.plan`.
+    crates/bevy_light/src/cascade.rs at commit 0876f40af54b. Its cascades overlap by a fifth of their near distance by
+    default: `overlap` of `cascades.plan`.
 
     Args and raises as `uniform`; near < first < far with more than one cascade.
 
@@ -175,39 +187,54 @@ def bevy(near: Numbers, far: Numbers, count: int = 4, first: float = 10.0) -> Fl
 
 
 def three(near: Numbers, far: Numbers, count: int = 3) -> Float[Array, "... K+1"]:
-    """three.js's CSM: the practical split with 0.5 (examples/jsm/csm/CSM.js), `maxFar` as far.
+    """three.js's CSM: the practical split z with 0.5, each map cut at z / far of the way from near to far.
+
+    z and its division by far (`maxFar`, if that is nearer): examples/jsm/csm/CSM.js at commit 014d454ba21d; where maps
+    are cut: CSMFrustum.js at 0255e15dd1d4. Its shader goes to the next map a near distance earlier, at z (1 - near/far)
+    (CSMShader.js at 121f4071c053).
 
     Args and raises as `uniform`.
 
     Example:
         >>> [round(float(z), 2) for z in three(0.1, 1000.0)]
-        [0.1, 167.78, 356.56, 1000.0]
+        [0.1, 167.86, 356.62, 1000.0]
     """
-    return practical(near, far, count, 0.5)
+    z = practical(near, far, count, 0.5)
+    first, last = z[..., :1], z[..., -1:]
+    return z.at[..., 1:-1].add(first * (1 - z[..., 1:-1] / last))
 
 
 def filament(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K+1"]:
-    """Filament's `cascadeSplitPositions`: quarters of the way from near to far by default (LightManager.h).
+    """Filament's `cascadeSplitPositions`: 1/8, 1/4 and 1/2 of the way from near to far; with fewer the first of them.
+
+    Values: LightManager.java of filament-android at commit c35a60808c9b (quarters before pull request 6130); what they
+    are fractions of: filament/src/ShadowMapManager.cpp at cb91a23a03f6, where the range is that of what is seen, or
+    with `stable` the camera's.
 
     Args and raises as `uniform`; count 1 to 4.
 
     Example:
         >>> filament(1.0, 9.0).tolist()
-        [1.0, 3.0, 5.0, 7.0, 9.0]
+        [1.0, 2.0, 3.0, 5.0, 9.0]
     """
-    near, far, _ = _checked(near, far, count)
-    share = jnp.concatenate([jnp.arange(count, dtype=near.dtype) / 4, jnp.ones(1, near.dtype)])
-    return near + (far - near) * share
+    shares = (0.125, 0.25, 0.5)
+    return _on_the_way(near, far, _menu("filament", count, {k + 1: shares[:k] for k in range(4)}))
 
 
 ENGINES = {"godot": godot, "unity": unity, "unreal": unreal, "bevy": bevy, "three": three, "filament": filament}
 SCHEMES = {"uniform": uniform, "logarithmic": logarithmic, "practical": practical}
 
 
-def _menu(name: str, near: Numbers, far: Numbers, count: int, menu: dict[int, tuple[float, ...]]) -> Array:
+def _menu(name: str, count: int, menu: dict[int, tuple[float, ...]]) -> tuple[float, ...]:
     if count not in menu:
         raise ValueError(f"count: got {count!r} with {name}, expected {', '.join(map(str, menu))}")
-    return fractions(near, far, menu[count])
+    return menu[count]
+
+
+def _on_the_way(near: Numbers, far: Numbers, shares: tuple[float, ...]) -> Array:
+    """Shares of the way from near to far."""
+    near, far, _ = _checked(near, far, len(shares) + 1)
+    return jnp.concatenate([near, near + (far - near) * jnp.asarray(shares, near.dtype), far], -1)
 
 
 def _checked(near: Numbers, far: Numbers, count: int) -> tuple[Array, Array, Array]:

@@ -144,18 +144,27 @@ def closed_form_source(metric: str, language: Language, prefix: str = "warpopt")
         >>> "static inline float warpopt_lambda(" in closed_form_source("p", C)
         True
     """
+    constants, functions = closed_form(metric)
+    return text_of(Program([*_notes(metric), *HOW_TO], constants, {}, functions), language, prefix)
+
+
+def closed_form(metric: str) -> tuple[dict[str, int | float], tuple[Function, ...]]:
+    """(constants, functions) of the closed form, for files that need more than these.
+
+    Raises:
+        ValueError: another metric.
+    """
     one_of("metric", metric, get_args(Metric))
     pi = np.float32(np.pi)
     constants = {"PI": float(pi), "PI_REST": np.pi - float(pi), "HALF_PI": np.pi / 2, "NO_WARP": NO_WARP}
     case = {"p": _P, "q": _Q, "pxq": _PXQ}[metric]
     body = "\n".join(part.strip("\n") for part in (_SPACE, case, _END))
-    functions = (
+    return constants, (
         Function("upper_slope", "Slope of the upper side plane along the warp.", ("theta", "half_fov"), _SLOPE),
         Function("lambda_over_mu", "lambda over the depth range mu; 3.4e38: no warp.", _PARAMETERS, body),
         Function("eta", ETA_NOTE, _PARAMETERS, _ETA),
         Function("lambda", LAMBDA_NOTE, _PARAMETERS, _LAMBDA_Q if metric == "q" else _LAMBDA),
     )
-    return text_of(Program([*_notes(metric), *HOW_TO], constants, {}, functions), language, prefix)
 
 
 def _notes(metric: str) -> list[str]:

@@ -1,7 +1,7 @@
 """Code for engines in a neutral form, and its translation to any of the languages.
 
 The neutral form is C restricted to what C, C++, GLSL, HLSL and WGSL share: no ternary, no assignment to a parameter,
-braces everywhere, locals declared as `float x = ...;` or `int i = ...;`, literals with f,
+braces everywhere, loops by `while`, locals declared as `float x = ...;` or `int i = ...;`, literals with f,
 `exp log sqrt abs sin cos tan ceil floor`, `one(x > y)` for 1 if true and else 0, and `$name` for names of the file.
 """
 
@@ -21,19 +21,21 @@ LAMBDA_NOTE = "lambda, the warp's near-plane distance, in units of z_near; 3.4e3
 
 @dataclasses.dataclass(frozen=True)
 class Function:
-    """A function of floats.
+    """A function of floats, which returns a float or fills arrays.
 
     Attributes:
         name: without the prefix.
         note: one line of documentation.
         parameters: names, all float.
         body: neutral form.
+        arrays: of floats that it fills, after the parameters: name and length. With any it returns nothing.
     """
 
     name: str
     note: str
     parameters: tuple[str, ...]
     body: str
+    arrays: Mapping[str, int] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,9 +120,14 @@ def text_of(program: Program, language: Language, prefix: str = "warpopt") -> st
 
 
 def _function(function: Function, language: Language, prefix: str) -> str:
-    unused = [name for name in function.parameters if not re.search(rf"\b{name}\b", function.body)]
-    head = language.function(f"{prefix}_{function.name}", function.parameters, unused)
-    return f"// {spelt_names(function.note, prefix)}\n{head}{language.body(function.body, prefix)}}}\n"
+    name = f"{prefix}_{function.name}"
+    if function.arrays:
+        head = language.filler(name, function.parameters, function.arrays)
+    else:
+        unused = [name for name in function.parameters if not re.search(rf"\b{name}\b", function.body)]
+        head = language.function(name, function.parameters, unused)
+    body = language.body(function.body, prefix, function.arrays)
+    return f"// {spelt_names(function.note, prefix)}\n{head}{body}}}\n"
 
 
 def single(value: float) -> str:

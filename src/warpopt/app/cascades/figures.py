@@ -1,34 +1,80 @@
-"""The figures of `warpopt cascades`: the error along depth, and what each split loses."""
+"""The figures of `warpopt cascades`: what each split loses, how many maps, and the screen by cascade."""
 
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 import warpopt
 
 from ..common import figure_style as style
+from ..inputs.scene_files import SceneInput
+from .numbers import ByNumber, Texels
 from .report import TITLES
-from .rows import Config, Row, objective_of
+from .rows import BEST, STEPPED, Config, Row, objective_of
+from .screen import screen_figure
+from .settings import SceneCascadesConfig
 
 _COLOURS = {
-    "best": "#000000", "logarithmic": "#0d61d9", "practical": "#d62612", "uniform": "#a3a3a3", "godot": "#478cbf",
-    "unity": "#7a5c3a", "unreal": "#6b3fa0", "bevy": "#e8833a", "three": "#009e73", "filament": "#cc79a7",
+    "best": "#000000", "stepped": "#777777", "logarithmic": "#0d61d9", "practical": "#d62612", "uniform": "#a3a3a3",
+    "godot": "#478cbf", "unity": "#7a5c3a", "unreal": "#6b3fa0", "bevy": "#e8833a", "three": "#009e73",
+    "filament": "#cc79a7",
 }  # fmt: skip
+_MARKERS = {
+    "logarithmic": "o", "practical": "s", "uniform": "D", "godot": "^", "unity": "v", "unreal": "P", "bevy": "X",
+    "three": "<", "filament": ">",
+}  # fmt: skip
+_ANGLES = ("#0d61d9", "#d62612", "#009e73", "#e8833a", "#6b3fa0")
+_DPI = 160
+MOST_SCREENS = 6
 
 
-def write_figures(config: Config, rows: list[Row], folder: Path) -> list[tuple[str, str]]:
+def write_figures(
+    config: Config, scene: SceneInput | None, rows: list[Row], numbers: list[ByNumber], texels: list[Texels],
+    folder: Path,
+) -> list[tuple[str, str]]:  # fmt: skip
     """The files written, with captions."""
     made = []
-    for camera in dict.fromkeys(row.camera for row in rows):
+
+    def write(name: str, figure: Figure, words: str) -> None:
+        figure.savefig(folder / f"{name}.png", dpi=_DPI)
+        made.append((name, words))
+
+    cameras = list(dict.fromkeys(row.camera for row in rows))
+    for camera in cameras:
         mine = [row for row in rows if row.camera == camera]
-        stem = f"camera_{camera}_" if len({row.camera for row in rows}) > 1 else ""
-        for name, figure, words in (
-            ("lost", lost_figure(mine), "Each split's error over the best's."),
-            ("along", along_figure(mine, objective_of(config)), "The error of each cascade along the depth."),
-        ):
-            figure.savefig(folder / f"{stem}{name}.png", dpi=160)
-            made.append((f"{stem}{name}", words))
+        lights = list(dict.fromkeys(row.light for row in mine))
+        stem = f"camera_{camera}_" if len(cameras) > 1 else ""
+        over = f" A mark for each of {len(lights)} lights." if len(lights) > 1 else ""
+        write(f"{stem}lost", lost_figure(mine), f"Each split's error over the best's.{over}")
+        middle = lights[len(lights) // 2]
+        which = f" Light {middle}, in the middle of the path." if len(lights) > 1 else ""
+        along = along_figure([row for row in mine if row.light == middle], objective_of(config))
+        write(f"{stem}along", along, f"The error of each cascade along the depth.{which}")
+        if scene is not None and len(lights) > 1:
+            words = "Where the best splits are along the light's path, and the error there."
+            write(f"{stem}path", path_figure(scene, mine), words)
+    if numbers:
+        words = "Each split's largest error over the best of as many maps with a warp in each. A mark where the scheme"
+        write("counts", counts_figure(numbers), f"{words} or engine has splits for this number of maps.")
+    if texels:
+        words = "Texels for one a pixel over what no maps of any kind can better, over logarithmic splits. Ringed: the"
+        words += " number of maps that needs least. With a light close to the view's axis the two lines are one."
+        write("texels", texels_figure(texels), words)
+    if isinstance(config, SceneCascadesConfig) and scene is not None and scene.depths:
+        best = [row for row in rows if row.name == BEST]
+        places = list(dict.fromkeys((row.camera, row.light) for row in best))
+        chosen = np.linspace(0, len(places) - 1, min(len(places), MOST_SCREENS)).round().astype(int)
+        for camera, light in (places[k] for k in chosen):
+            both = [row for row in best if (row.camera, row.light) == (camera, light)]
+            figure = screen_figure(config, scene, both)
+            if figure is None:
+                continue  # nothing is seen
+            words = f"The screen by cascade, and the error at each pixel; camera {camera}, light {light}."
+            words += f" One of {len(chosen)} pictures from {len(places)}." if len(chosen) < len(places) else ""
+            write(f"screen_camera{camera}_light{light}", figure, words)
     return made
 
 
@@ -94,3 +140,118 @@ def along_figure(rows: list[Row], objective: "warpopt.Objective") -> Figure:
             style.beside(axes, objective.title, (0, 0.5), (-46, 0), rotation=90)
     style.legend_at(figure, 0.85 + 2.9 * len(panels), 0.4, list(handles.values()), "splits")
     return figure
+
+
+@style.shared_style()
+def counts_figure(numbers: list[ByNumber]) -> Figure:
+    """The error over the best's against the number of maps, a line for each scheme, with warps and without."""
+    figure = style.new_figure(9.0, 3.75)
+    panels = [
+        warped for warped in (True, False) if any(scheme.warped if warped else scheme.plain for scheme in numbers)
+    ]
+    every = [v for scheme in numbers for values in (scheme.warped, scheme.plain) for v in values.values()]
+    handles: dict[str, object] = {}
+    for k, warped in enumerate(panels):
+        axes = style.place(figure, 0.8 + 3.0 * k, 0.45, 2.65, 2.6)
+        for scheme in numbers:
+            values = scheme.warped if warped else scheme.plain
+            counts = sorted(values)
+            (handles[scheme.name],) = axes.plot(
+                counts, [values[n] for n in counts], color=_COLOURS[scheme.name], marker=_MARKERS[scheme.name],
+                markersize=4.5, markeredgewidth=0, linewidth=1.2, label=TITLES[scheme.name],
+            )  # fmt: skip
+        style.log_axis(axes, (0.8, 1.6 * max(every)), label=not k)
+        _whole_numbers(axes, max(k for scheme in numbers for k in scheme.plain))
+        style.beside(axes, "each cascade warped" if warped else "no warp", (0.5, 1), (0, 9), fontweight="bold")
+        if not k:
+            style.beside(axes, "error over the best's, warped", (0, 0.5), (-42, 0), rotation=90)
+    style.legend_at(figure, 1.0 + 3.0 * len(panels), 0.45, list(handles.values()), "splits")
+    return figure
+
+
+@style.shared_style()
+def texels_figure(texels: list[Texels]) -> Figure:
+    """Texels over the bound against the number of maps, a colour for each angle; dashed without warps."""
+    figure = style.new_figure(6.6, 3.75)
+    axes = style.place(figure, 0.8, 0.3, 3.6, 2.8)
+    handles = []
+    for at, colour in zip(texels, _ANGLES, strict=False):
+        counts = np.arange(1, len(at.warped) + 1)
+        (line,) = axes.plot(counts, at.warped, color=colour, linewidth=1.7, label=f"{at.theta_deg:g}°")
+        axes.plot(counts, at.plain, color=colour, linewidth=1.3, linestyle=(0, (3, 1.6)))
+        for values in (at.warped, at.plain):
+            least = int(np.argmin(values))
+            axes.plot(counts[least], values[least], "o", color=colour, markerfacecolor="white", markersize=5.5)
+        handles.append(line)
+    every = np.concatenate([values for at in texels for values in (at.warped, at.plain)])
+    style.log_axis(axes, (0.9, 1.5 * every.max()))
+    _whole_numbers(axes, len(texels[0].warped))
+    style.beside(axes, "texels over the bound", (0, 0.5), (-42, 0), rotation=90)
+    style.legend_at(figure, 4.65, 0.3, handles, "light to view")
+    words = "solid: each warped\ndashed: no warp\nring: the least"
+    style.write_at(figure, 4.65, 1.7, words, va="top", color=style.MUTED, fontsize=8)
+    return figure
+
+
+@style.shared_style()
+def path_figure(scene: SceneInput, rows: list[Row]) -> Figure:
+    """The best splits' depths along the light's path, and at whole steps if asked; below the error."""
+    steps = [step for step in scene.steps if step.light is not None]
+    x = [step.index if step.hour is None else step.hour for step in steps]
+    figure = style.new_figure(6.4, 4.6)
+    upper, lower = style.place(figure, 0.8, 0.25, 3.9, 2.0), style.place(figure, 0.8, 2.45, 3.9, 1.5)
+
+    def found(name: str, warped: bool) -> list[Row]:
+        by_light = {row.light: row for row in rows if (row.name, row.warped) == (name, warped)}
+        return [by_light[step.light] for step in steps if step.light in by_light]
+
+    handles, errors = [], []
+    warped = rows[0].warped
+    for name, width in ((BEST, 1.5), (STEPPED, 1.1)):
+        mine = found(name, warped)
+        if not mine:
+            continue
+        for k in range(1, len(mine[0].plan.errors)):
+            depths = [float(row.plan.splits[k]) for row in mine]
+            drawn = "default" if name == BEST else "steps-mid"
+            upper.plot(x, depths, color=_COLOURS[name], linewidth=width, drawstyle=drawn)
+        values = [float(row.plan.value) for row in mine]
+        (line,) = lower.plot(x, values, color=_COLOURS[name], linewidth=width, label=TITLES[name])
+        handles.append(line)
+        errors += values
+    plain = found(BEST, False) if warped else []
+    if plain:
+        values = [float(row.plan.value) for row in plain]
+        (line,) = lower.plot(
+            x, values, color=_COLOURS[BEST], linewidth=1.2, linestyle=(0, (1, 1.4)), label="the best, no warp"
+        )
+        handles.append(line)
+        errors += values
+    first, last = float(rows[0].plan.splits[0]), float(rows[0].plan.splits[-1])
+    style.log_axis(upper, (first, last))
+    errors = [v for v in errors if v > 0] or [1.0]
+    style.log_axis(lower, (min(errors) / 1.15, max(errors) * 1.15))
+    for axes in (upper, lower):
+        axes.grid(color="#e4e4e4", linewidth=0.6)
+        axes.set_axisbelow(True)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.set_xlim(min(x), max(x) if max(x) > min(x) else min(x) + 1)
+    if steps[0].hour is None:
+        for axes in (upper, lower):
+            axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    upper.tick_params(labelbottom=False)
+    style.beside(upper, "view depth of splits", (0, 0.5), (-42, 0), rotation=90)
+    style.beside(lower, "largest error", (0, 0.5), (-42, 0), rotation=90)
+    hours = steps[0].hour is not None
+    style.beside(lower, "solar time (hours)" if hours else "step of the light's path", (0.5, 0), (0, -24))
+    style.legend_at(figure, 4.9, 0.3, handles, "splits")
+    return figure
+
+
+def _whole_numbers(axes: Axes, most: int) -> None:
+    axes.set_xlim(0.75, most + 0.25)
+    axes.set_xticks(range(1, most + 1))
+    axes.grid(color="#e4e4e4", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    style.beside(axes, "number of maps", (0.5, 0), (0, -24))

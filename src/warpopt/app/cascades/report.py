@@ -1,24 +1,30 @@
 """`report.md` of cascades."""
 
-from typing import TYPE_CHECKING, Any
+import itertools
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..common.words import markdown_pictures, markdown_table
 
 if TYPE_CHECKING:
+    from ..inputs.scene_files import SceneInput
+    from .numbers import ByNumber, Texels
     from .rows import Config, Row
 
 TITLES = {
-    "best": "the best", "logarithmic": "logarithmic", "practical": "practical, 0.5", "uniform": "uniform",
-    "godot": "Godot's fractions", "unity": "Unity's fractions", "unreal": "Unreal's exponent 3",
-    "bevy": "Bevy's, first to 10", "three": "three.js's practical split", "filament": "Filament's quarters",
+    "best": "the best", "stepped": "the best, in steps", "logarithmic": "logarithmic", "practical": "practical, 0.5",
+    "uniform": "uniform", "godot": "Godot's fractions", "unity": "Unity's fractions", "unreal": "Unreal's exponent 3",
+    "bevy": "Bevy's, first to 10", "three": "three.js's practical split", "filament": "Filament's halvings",
 }  # fmt: skip
+_SHOWN = 8  # numbers of maps in the table of texels
+_ENGINES = ("godot", "unity", "unreal", "bevy", "three", "filament")
 
 
 def cascades_report(
-    config: "Config", rows: "list[Row]", figures: list[tuple[str, str]], storage: dict[str, Any] | None
-) -> str:
+    config: "Config", scene: "SceneInput | None", rows: "list[Row]", figures: list[tuple[str, str]],
+    numbers: "list[ByNumber]", texels: "list[Texels]",
+) -> str:  # fmt: skip
     """The report as Markdown."""
     asked = config.cascades
     parts = [f"# {asked.count} cascades\n"]
@@ -26,39 +32,77 @@ def cascades_report(
         mine = [row for row in rows if row.camera == camera]
         if len({row.camera for row in rows}) > 1:
             parts.append(f"## Camera {camera}\n")
-        parts += [_best(mine), *_worst(mine), _table(mine)]
-    if storage is not None:
-        parts.append(_texels(storage))
+        parts += [_best(mine), _steps(mine, asked.step), *_worst(mine), _table(mine)]
+    if numbers or texels:
+        parts.append("## How many\n")
+    if numbers:
+        parts.append(_by_number(numbers))
+    if texels:
+        parts.append(_texels(texels, getattr(config.light, "theta_deg", None)))
+    if scene is not None and not scene.depths:
+        parts.append("No picture of the screen: the receivers are not pixels.\n")
     if figures:
         parts.append("## Figures\n")
         parts += markdown_pictures(figures)
     return "\n".join(part for part in parts if part)
 
 
+def spanned(values: "list[float]", digits: int = 3) -> str:
+    """A value, or the least and the largest of those that differ in these digits."""
+    low, high = (f"{v:.{digits}g}" for v in (min(values), max(values)))
+    return low if low == high else f"{low} to {high}"
+
+
 def _best(rows: "list[Row]") -> str:
-    best, plan = rows[0], rows[0].plan
-    depths = ", ".join(f"{float(z):.5g}" for z in plan.splits)
-    words = f"The best splits are at {depths}; the error is {float(plan.value):.4g} (largest of the cascades'). "
-    if np.isfinite(float(plan.lower)):
-        words += f"No splits of as many maps have one below {float(plan.lower):.4g}: {plan.lower_because}. "
+    """A camera's best splits, under all its lights."""
+    best = [row for row in rows if row.name == "best" and row.warped == rows[0].warped]
+    depths = ", ".join(spanned([float(row.plan.splits[k]) for row in best], 5) for k in range(len(best[0].plan.splits)))
+    words = f"The best splits are at {depths}; the error is {spanned([float(r.plan.value) for r in best], 4)} (largest"
+    words += " of the cascades')" + (f", over {len(best)} lights. " if len(best) > 1 else ". ")
+    lower = [float(row.plan.lower) for row in best]
+    reasons = dict.fromkeys(row.plan.lower_because for row, v in zip(best, lower, strict=True) if not np.isfinite(v))
+    if not reasons:
+        words += f"No splits of as many maps have one below {spanned(lower, 4)}: {best[0].plan.lower_because}. "
     else:
-        words += f"A lower bound is {plan.lower_because}. "
-    plain = next((row for row in rows[1:] if row.name == best.name and not row.warped), None)
-    if plain is not None:
-        words += f"Without warps the best splits have {plain.lost:.3g} times the error."
+        words += "".join(f"A lower bound is {why}. " for why in reasons)
+    plain = [row.lost for row in rows if row.name == "best" and not row.warped]
+    if rows[0].warped and plain:
+        words += f"Without warps the best splits have {spanned(plain)} times the error."
     return words.strip() + "\n"
+
+
+def _steps(rows: "list[Row]", step: float | None) -> str:
+    """What splits at whole steps cost, and how often they change along the light's path."""
+    stepped = [row for row in rows if row.name == "stepped" and row.warped == rows[0].warped]
+    if not stepped:
+        return ""
+    words = f"At whole steps of {step:g} they have {spanned([row.lost for row in stepped])} times the best error"
+    if len(stepped) > 1:
+        splits = [np.asarray(row.plan.splits) for row in stepped]
+        moves = sum(not np.allclose(a, b, rtol=1e-9) for a, b in itertools.pairwise(splits))
+        words += f", and change {moves} times from light to light, of {len(stepped) - 1}"
+    return words + ".\n"
 
 
 def _worst(rows: "list[Row]") -> list[str]:
     """A sentence for each engine's split, worst first."""
-    engines = [row for row in rows if row.name in ("godot", "unity", "unreal", "bevy", "three", "filament")]
     told = []
-    for row in sorted((row for row in engines if not row.warped), key=lambda row: -row.lost):
-        words = f"- {TITLES[row.name]} over the {_range(row)}: {row.lost:.3g} times the best error without warps"
-        warped = next((r for r in engines if r.warped and (r.name, r.over) == (row.name, row.over)), None)
-        words += f", {warped.lost:.3g} with" if warped is not None else ""
-        told.append(f"{words}; they would be balanced if nothing were nearer than {row.balanced_from:.3g}.\n")
+    for alike in sorted(_alike(rows), key=lambda alike: -max(row.lost for row in alike)):
+        first = alike[0]
+        if first.name not in _ENGINES:
+            continue
+        plain, warped = ([row.lost for row in alike if row.warped == warp] for warp in (False, True))
+        words = f"- {TITLES[first.name]} over the {_range(first)}: {spanned(plain)} times the best error without warps"
+        words += f", {spanned(warped)} with" if warped else ""
+        nearest = spanned([row.balanced_from for row in alike])
+        told.append(f"{words}; they would be balanced if nothing were nearer than {nearest}.\n")
     return told
+
+
+def _alike(rows: "list[Row]") -> "list[list[Row]]":
+    """The rows of each split over the same range."""
+    keys = dict.fromkeys((row.name, row.over) for row in rows)
+    return [[row for row in rows if (row.name, row.over) == key] for key in keys]
 
 
 def _range(row: "Row") -> str:
@@ -75,23 +119,41 @@ HEADS = ("splits", "of the", "error over the best's", "without warps", "largest 
 
 
 def lines_of(rows: "list[Row]") -> list[list[str]]:
-    """A line of text for each split, warped and not."""
+    """A line of text for each split, warped and not, over all lights."""
     lines = []
-    for name, over in dict.fromkeys((row.name, row.over) for row in rows):
-        both = {row.warped: row for row in rows if (row.name, row.over) == (name, over)}
-        lost = [f"{both[warped].lost:.3g}" if warped in both else "-" for warped in (True, False)]
-        row = both.get(True) or both[False]
-        depths = ", ".join(f"{float(z):.4g}" for z in row.plan.splits[1:-1])
-        lines.append([TITLES[name], _range(row), *lost, f"{row.largest_ratio:.3g}", depths])
+    for alike in _alike(rows):
+        lost = [[row.lost for row in alike if row.warped == warped] for warped in (True, False)]
+        same = [row for row in alike if row.warped == alike[0].warped]
+        depths = (spanned([float(row.plan.splits[k]) for row in same], 4) for k in range(1, len(same[0].plan.errors)))
+        ratio = spanned([row.largest_ratio for row in same])
+        told = [spanned(values) if values else "-" for values in lost]
+        lines.append([TITLES[same[0].name], _range(same[0]), *told, ratio, ", ".join(depths)])
     return lines
 
 
-def _texels(storage: dict[str, Any]) -> str:
-    heads = ["maps", *(str(k + 1) for k in range(8))]
-    lines = [
-        [words, *(f"{v:.3g}" for v in storage[key][:8])] for words, key in (("warped", "warped"), ("no warp", "plain"))
-    ]
+def _by_number(numbers: "list[ByNumber]") -> str:
+    """Each scheme's error over the best of as many, by number of maps."""
+    counts = sorted({k for scheme in numbers for k in scheme.plain})
+
+    def told(scheme: "ByNumber", k: int) -> str:
+        both = [f"{values[k]:.3g}" for values in (scheme.warped, scheme.plain) if k in values]
+        return " / ".join(both) or "-"
+
+    lines = [[TITLES[scheme.name], *(told(scheme, k) for k in counts)] for scheme in numbers]
+    warped = "with a warp in each / without" if any(scheme.warped for scheme in numbers) else "without warps"
+    return f"Largest error over the best of as many maps, {warped}.\n\n" + markdown_table(
+        ["maps", *map(str, counts)], lines
+    )
+
+
+def _texels(texels: "list[Texels]", theta_deg: float | None) -> str:
+    """At the view's own angle; the figure has others."""
+    (at,) = (at for at in texels if at.theta_deg == theta_deg)
+    rows = (("warped", at.warped), ("no warp", at.plain))
+    lines = [[words, *(f"{v:.3g}" for v in values[:_SHOWN])] for words, values in rows]
+    warped, plain = (int(np.argmin(values)) + 1 for _, values in rows)
     return (
-        "## How many\n\nTexels for one a pixel, of maps of their own aspect over logarithmic splits, over what no maps "
-        "of any kind can better.\n\n" + markdown_table(heads, lines)
+        "Texels for one a pixel, of maps of their own aspect over logarithmic splits, over what no maps of any kind "
+        f"can better. Of up to {len(at.warped)} maps {warped} need least with warps, {plain} without.\n\n"
+        + markdown_table(["maps", *(str(k + 1) for k in range(_SHOWN))], lines)
     )

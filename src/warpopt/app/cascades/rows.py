@@ -7,11 +7,10 @@ import numpy as np
 import warpopt
 from warpopt.cascades import Plan
 
-from .report import TITLES
 from .settings import CascadesConfig, SceneCascadesConfig
 
 Config = CascadesConfig | SceneCascadesConfig
-BEST = "best"
+BEST, STEPPED = "best", "stepped"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -19,8 +18,8 @@ class Row:
     """One split of one view.
 
     Attributes:
-        camera: its number; 0 for a frustum.
-        name: of the split: "best", or one of `splits`.
+        camera, light: their numbers; 0 for a frustum.
+        name: of the split: "best", "stepped" (the best at whole steps), or one of `splits`.
         over: what was split: "planes", from the camera's near plane to its far plane, or "receivers".
         warped: whether each cascade has its best warp.
         plan: the cascades.
@@ -28,15 +27,12 @@ class Row:
     """
 
     camera: int
+    light: int
     name: str
     over: str
     warped: bool
     plan: Plan
     best: float
-
-    @property
-    def title(self) -> str:
-        return TITLES.get(self.name, self.name) + ("" if self.warped else ", no warp")
 
     @property
     def lost(self) -> float:

@@ -180,7 +180,7 @@ def log_axis(axes: Axes, limits: tuple[float, float], label: bool = True) -> Non
 def power_text(value: float, long: bool = False) -> str:
     """A tick's number: plain while short, else a power of ten; `long` asks for powers except next to 1."""
     if (0.1 <= value <= 10) if long else (1e-3 <= value < 1e4):
-        return f"{value:.3g}"
+        return f"{value:.4g}"  # 1000, not 1e+03
     exponent = math.floor(math.log10(value) + 1e-9)
     power = "10" + superscript(exponent)
     factor = round(value / 10.0**exponent)

@@ -10,7 +10,8 @@ from warpopt.export.program import checked_prefix
 from ..common.output import TABLE_ENDINGS
 from ..common.settings import ConfigError, Metric
 
-CLOSED_FORM, WINDOW = "closed-form", "window"
+CLOSED_FORM, WINDOW, SPLITS = "closed-form", "window", "splits"
+_FORMS = (CLOSED_FORM, WINDOW, SPLITS)
 _CODE = ("c", "cpp", "glsl", "hlsl", "wgsl")
 _METRICS = {"frustum": get_args(Metric), "ground": get_args(GroundMetric)}
 _DATA = tuple(ending[1:] for ending in TABLE_ENDINGS)
@@ -21,14 +22,15 @@ class ExportRequest:
     """What to export, to which languages and formats, and to which folder.
 
     Attributes:
-        table: its file; None for the closed form of `metric` over `receivers`, and for the stable window.
-        window: whether it is the stable window.
+        form: what is written without a table: "closed-form" (of `metric` over `receivers`), "window" or "splits" (with
+            the warps of `metric`); None for a table.
+        table: its file; None without one.
         code: languages; data: formats of tables; both in the requested order without duplicates.
         prefix: of the names in code.
     """
 
+    form: str | None
     table: Path | None
-    window: bool
     metric: str
     receivers: str
     code: tuple[str, ...]
@@ -45,25 +47,29 @@ class ExportRequest:
         Raises:
             ConfigError: lists every error, one per line.
         """
-        closed, window = table == CLOSED_FORM, table == WINDOW
-        possible = _CODE if closed or window else _CODE + _DATA
+        form = table if table in _FORMS else None
+        possible = _CODE if form else _CODE + _DATA
         names = dict.fromkeys(name.strip() for name in to.split(","))
         flaws = [f"  to: got {name!r}, expected {', '.join(possible)}" for name in names if name not in possible]
-        if not (closed or window) and Path(table).suffix not in TABLE_ENDINGS:
+        if not form and Path(table).suffix not in TABLE_ENDINGS:
             flaws.append(
-                f"  table: got {table!r}, expected a file ending in {', '.join(TABLE_ENDINGS)}, or {CLOSED_FORM!r} or "
-                f"{WINDOW!r}"
+                f"  table: got {table!r}, expected a file ending in {', '.join(TABLE_ENDINGS)}, or "
+                f"{', '.join(map(repr, _FORMS[:-1]))} or {_FORMS[-1]!r}"
             )
-        if not closed and metric is not None:
-            why = "the window, which has none" if window else "a table, which has a metric"
+        metrics = _METRICS.get(receivers, ()) if form == CLOSED_FORM else _METRICS["frustum"]
+        if metric is not None and form not in (CLOSED_FORM, SPLITS):
+            why = "the window, which has none" if form else "a table, which has a metric"
             flaws.append(f"  metric: got {metric!r} with {why}")
+        elif metric is not None and metrics and metric not in metrics:
+            flaws.append(f"  metric: got {metric!r}, expected {', '.join(metrics)}")
         if receivers not in _METRICS:
             flaws.append(f"  receivers: got {receivers!r}, expected {', '.join(_METRICS)}")
-        elif not closed and receivers != "frustum":
-            why = "the window, which is for any" if window else "a table, which is for frusta"
+        elif form != CLOSED_FORM and receivers != "frustum":
+            why = {
+                WINDOW: "the window, which is for any", SPLITS: "splits, which are for frusta",
+                None: "a table, which is for frusta",
+            }[form]  # fmt: skip
             flaws.append(f"  receivers: got {receivers!r} with {why}")
-        elif closed and metric is not None and metric not in _METRICS[receivers]:
-            flaws.append(f"  metric: got {metric!r}, expected {', '.join(_METRICS[receivers])}")
         try:
             checked_prefix(prefix)
         except ValueError as flaw:
@@ -71,5 +77,4 @@ class ExportRequest:
         if flaws:
             raise ConfigError("\n".join([f"command line: {len(flaws)} error{'s' * (len(flaws) > 1)}", *flaws]))
         code, data = (tuple(name for name in names if name in kind) for kind in (_CODE, _DATA))
-        path = None if closed or window else Path(table)
-        return cls(path, window, metric or "p", receivers, code, data, directory, prefix)
+        return cls(form, None if form else Path(table), metric or "p", receivers, code, data, directory, prefix)

@@ -5,14 +5,15 @@ from pathlib import Path
 from warpopt._data_files import DataFileError
 from warpopt.export.closed_form import closed_form_source
 from warpopt.export.ground import ground_source
-from warpopt.export.languages import LANGUAGES
+from warpopt.export.languages import LANGUAGES, Language
 from warpopt.export.lookup import source
+from warpopt.export.splits import splits_source
 from warpopt.export.window import window_source
 from warpopt.table.lambda_table import LambdaTable
 
 from ..common.output import whole_files
 from ..common.settings import ConfigError
-from .request import ExportRequest
+from .request import SPLITS, WINDOW, ExportRequest
 
 
 def export(request: ExportRequest) -> int:
@@ -24,16 +25,10 @@ def export(request: ExportRequest) -> int:
     """
     directory, languages = request.directory, [form for name in request.code for form in LANGUAGES[name]]
     contents: dict[Path, bytes] = {}
-    if request.window:
+    if request.table is None:
         for form in languages:
-            contents[directory / f"window{form.suffix}"] = window_source(form, request.prefix).encode()
-    elif request.table is None:
-        for form in languages:
-            made, name = (
-                (ground_source, "ground_") if request.receivers == "ground" else (closed_form_source, "closed_form_")
-            )
-            text = made(request.metric, form, request.prefix)
-            contents[directory / f"{name}{request.metric}{form.suffix}"] = text.encode()
+            name, text = _without_a_table(request, form)
+            contents[directory / f"{name}{form.suffix}"] = text.encode()
     else:
         try:
             table = LambdaTable.load(request.table)
@@ -49,3 +44,16 @@ def export(request: ExportRequest) -> int:
     for path in contents:
         print(f"Written: {path}")
     return 0
+
+
+def _without_a_table(request: ExportRequest, language: Language) -> tuple[str, str]:
+    """(the file's name without its ending, its text)."""
+    if request.form == WINDOW:
+        return "window", window_source(language, request.prefix)
+    if request.form == SPLITS:
+        made, name = splits_source, "splits"
+    elif request.receivers == "ground":
+        made, name = ground_source, "ground"
+    else:
+        made, name = closed_form_source, "closed_form"
+    return f"{name}_{request.metric}", made(request.metric, language, request.prefix)

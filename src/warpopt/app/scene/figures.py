@@ -4,9 +4,7 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -14,6 +12,7 @@ import warpopt
 from warpopt.theory.camera import camera_of
 
 from ..common import figure_style as style
+from ..common import screen_panels as screen
 from ..common.error_maps import Seen, errors, image_of, section_of, shading
 from ..common.words import phrase
 from ..inputs.scene_files import SceneInput
@@ -24,14 +23,6 @@ from .solve import Solved
 MOST_MAPS = 12
 _DPI = 160
 _SECTION = (270, 480)  # rows and columns
-_SKY = "#dfe5ea"
-_NAMES = {
-    **style.METRIC_LABELS,
-    "max": r"$\max(E_p, E_q)$",
-    "storage": "area of a texel",
-    "edge": "longer edge of a texel",
-    "band": "expected offset of an edge",
-}
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 
 
@@ -89,86 +80,43 @@ def seen_of(config: SceneConfig, scene: SceneInput, s: Solved) -> Seen:
 def error_map(config: SceneConfig, seen: Seen, s: Solved) -> Figure:
     """The scene, its error with and without the optimal warp, on one colour scale."""
     best, plain = (errors(s.mapping, seen, s.metric, warped) for warped in (True, False))
-    both = np.concatenate([best[np.isfinite(best)], plain[np.isfinite(plain)]])
-    low, high = np.quantile(both, 0.005), both.max() or 1.0  # E_q of receivers without width is 0
-    low = max(min(low, high / 1.5), high * 1e-5)
+    scale = screen.scale_of(best, plain)
     extent = seen.extent
     section = extent is not None
-    rows, columns = best.shape
-    width = min(3.4, 3.4 * columns / rows)
-    height = width * rows / columns
+    width, height = screen.size_of(best.shape)
     panels = 2 if section else 3
     left, top, gap = (0.7 if section else 0.12), 0.5, (0.3 if section else 0.1)
     figure = style.new_figure(left + panels * (width + gap) + 0.95, top + height + (0.55 if section else 0.12))
     places = [style.place(figure, left + i * (width + gap), top, width, height) for i in range(panels)]
     if not section:
-        _panel(places[0])
-        places[0].imshow(_tinted(shading(seen, s.mapping.light)), aspect="auto", interpolation="antialiased")
-        _title(places[0], "What the camera sees", f"light at θ = {s.row['theta_deg']:.0f}° to the view")
+        screen.panel(places[0])
+        places[0].imshow(screen.tinted(shading(seen, s.mapping.light)), aspect="auto", interpolation="antialiased")
+        screen.title(places[0], "What the camera sees", f"light at θ = {s.row['theta_deg']:.0f}° to the view")
     strength = f"λ/μ = {s.row['lambda_over_mu']:.3g}" if s.row["lambda_over_mu"] is not None else "λ = ∞"
     titles = (
         ("Optimal warp" if not s.row["no_warp"] else "Optimal: no warp", f"{strength}, {_worst(s, 'value', best)}"),
         ("No warp", _worst(s, "unwarped", plain)),
     )
-    scale = LogNorm(low, high)
     images = [
-        _map(axes, error, scale, config.objective.screen is not None)
+        screen.error_panel(axes, error, scale, config.objective.screen is not None)
         for axes, error in zip(places[-2:], (best, plain), strict=True)
     ]
     for axes, error, title in zip(places[-2:], (best, plain), titles, strict=True):
         if section:
             _section_axes(axes, extent, error.shape)
-        _title(axes, *title)
+        screen.title(axes, *title)
     if section:
         places[1].tick_params(labelleft=False)
         words = f"slope towards the light (θ = {s.row['theta_deg']:.0f}°)"
         style.beside(places[0], words, (0, 0.5), (-40, 0), rotation=90)
-    bar = style.place(figure, left + panels * (width + gap) + 0.02, top, 0.13, height)
-    figure.colorbar(images[0], cax=bar)
-    style.log_axis(bar, (low, high))
-    bar.yaxis.tick_right()
-    bar.tick_params(labelleft=False, labelright=True)
-    unit = ", pixels per texel" if config.objective.screen and s.metric != "pxq" else ""
-    unit = ", pixels per texel, squared" if config.objective.screen and s.metric == "pxq" else unit
-    style.beside(bar, f"{_NAMES[s.metric]}{unit}", (1, 0.5), (38, 0), rotation=90)
+    place = left + panels * (width + gap) + 0.02, top, height
+    screen.bar_beside(figure, images[0], place, s.metric, config.objective.screen is not None)
     return figure
 
 
 def _worst(s: Solved, key: str, error: np.ndarray) -> str:
-    worst = f"at worst {_number(np.nanmax(error))}"
-    return worst if s.norm == "inf" else f"{style.norm_label(s.norm)} norm {_number(s.row[key])}, {worst}"
-
-
-def _number(value: float) -> str:
-    return f"{value:,.0f}" if 1000 <= value < 1e7 else f"{value:.3g}"
-
-
-def _panel(axes: Axes) -> None:
-    axes.set_xticks([])
-    axes.set_yticks([])
-    axes.set_facecolor(_SKY)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
-
-
-def _title(axes: Axes, title: str, words: str) -> None:
-    style.beside(axes, title, (0, 1), (0, 17), ha="left", va="bottom", fontsize=9.5, fontweight="bold")
-    style.beside(axes, words, (0, 1), (0, 4), ha="left", va="bottom", color=style.MUTED)
-
-
-def _map(axes: Axes, error: np.ndarray, scale: LogNorm, pixels: bool):
-    _panel(axes)
-    colours = colormaps["magma"]
-    image = axes.imshow(error, norm=scale, cmap=colours, aspect="auto", interpolation="nearest")
-    if pixels and np.nanmin(error) < 1 < np.nanmax(error):
-        # The contour where a texel has the size of a pixel.
-        axes.contour(error, levels=[1.0], colors=["#7fe7dc"], linewidths=0.7)
-    row, column = np.unravel_index(np.nanargmax(error), error.shape)
-    for size, colour in ((2.2, "white"), (0.9, style.INK)):
-        axes.plot(column, row, "o", mfc="none", mec=colour, mew=size, ms=7, clip_on=False)
-    axes.set_xlim(-0.5, error.shape[1] - 0.5)
-    axes.set_ylim(error.shape[0] - 0.5, -0.5)
-    return image
+    worst = f"at worst {screen.number(np.nanmax(error))}"
+    return worst if s.norm == "inf" else f"{style.norm_label(s.norm)} norm {screen.number(s.row[key])}, {worst}"
 
 
 def _section_axes(axes: Axes, extent: tuple[float, float, float, float], shape: tuple[int, int]) -> None:
@@ -185,14 +133,6 @@ def _section_axes(axes: Axes, extent: tuple[float, float, float, float], shape: 
         [(high - v) / (high - low) * rows - 0.5 for v in slopes], [f"{v:.3g}".replace("-", "−") for v in slopes]
     )
     style.beside(axes, "eye depth", (0.5, 0), (0, -24))
-
-
-def _tinted(shade: np.ndarray) -> np.ndarray:
-    """Warm grey in the light, blue-grey in shade, and sky."""
-    dark, bright = np.array([0.16, 0.19, 0.25]), np.array([0.98, 0.95, 0.88])
-    colour = dark + np.nan_to_num(shade)[..., None] * (bright - dark)
-    sky = np.array(to_rgb(_SKY))
-    return np.clip(np.where(np.isfinite(shade)[..., None], colour, sky), 0, 1)
 
 
 def _objectives(solved: list[Solved]) -> list[tuple[int, str, str]]:
@@ -216,7 +156,7 @@ def path_figure(config: SceneConfig, scene: SceneInput, solved: list[Solved]) ->
             found = [np.nan if s is None or s.row[key] is None else s.row[key] for s in steps]
             return np.array(found, float)
 
-        label = f"{_NAMES[metric]}, {style.norm_label(norm)}"
+        label = f"{screen.NAMES[metric]}, {style.norm_label(norm)}"
         label += f", camera {camera}" if len(scene.cameras) > 1 else ""
         marker = "o" if len(x) <= 60 else ""
         (line,) = upper.plot(x, curve("eta"), color=colour, lw=1.6, marker=marker, ms=2.8, label=label)
