@@ -22,13 +22,12 @@ from pixels_page import table, write_between
 
 from warpopt.app.common import figure_style as style
 from warpopt.app.common.flicker_figure import flicker_figure
-from warpopt.frames import LitScene, Reading, ShadowMap, judge, see
-from warpopt.frames.methods import HELD, Windowed, method_of, method_title
+from warpopt.frames import LitScene, Reading, judge, see
+from warpopt.frames.methods import HELD, Windowed, WindowedCascades, method_of, method_title
 from warpopt.frames.names import STABLE, WINDOW
 from warpopt.frames.paths import MOTIONS, Moment, flips, path
 from warpopt.frames.pictures import enlarged, painted, worst_places, wrong_pixels
 from warpopt.scene_files.made import KINDS, made_scene
-from warpopt.stable import Action
 
 WIDTH, HEIGHT, TEXELS, RATE = 256, 160, 512, 30.0
 LIGHT = np.array([0.5, -0.8, -0.35])
@@ -71,15 +70,15 @@ def record(
         frame = see(lit, each, height, width)
         shown = {}
         for name, method in methods.items():
-            moment = Moment(lit, frame, ShadowMap(lit, method(number, lit, frame), (TEXELS, TEXELS)))
+            moment = Moment(lit, frame, method(number, lit, frame))
             shown[name] = moment.shadow_map.visibility(frame, Reading())
             told[name]["wrong"].append(judge(frame, shown[name]).wrong)
             if number:
                 flipped, compared = flips(before[name], moment, Reading())
                 told[name]["flipped"] += flipped
                 told[name]["compared"] += compared
-                if isinstance(method, Windowed):
-                    if method.updates[-1].action == Action.REFITTED:
+                if isinstance(method, (Windowed, WindowedCascades)):
+                    if method.refitted:
                         told[name]["pops"].append(flipped / max(1, compared))
                     else:
                         told[name]["between"] += flipped

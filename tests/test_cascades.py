@@ -2,6 +2,7 @@
 
 import itertools
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -233,8 +234,12 @@ def test_pixels_and_bodies_are_split_too():
     mean = cascades.plan(weighed, 2, Objective("edge"))
     log = cascades.errors(weighed, splits.logarithmic(3.0, 60.0, 2), Objective("edge"))
     assert float(mean.value) <= float(log.value) * (1 + 1e-9)
+    # Without an objective: by the weights where there are some, else the logarithm.
+    np.testing.assert_array_equal(cascades.plan(weighed, 2).splits, mean.splits)
+    plain = eqx.tree_at(lambda v: v.receivers, weighed, DepthBuffer(depth))
+    np.testing.assert_allclose(cascades.plan(plain, 2).splits, splits.logarithmic(3.0, 60.0, 2), rtol=1e-6)
     box = SceneView(CAMERA, LIGHT, ConvexBody.box((-20, -1, -90), (20, 5, -4)))
-    body = cascades.plan(box, 2)
+    body = cascades.plan(box, 2, Objective())
     assert float(body.lower) <= float(body.value) <= 1.02 * float(body.lower)
 
 

@@ -9,7 +9,9 @@ from warpopt.frames import FILTERS, LitScene, Reading, ShadowMap, measured, see
 from warpopt.frames.cascade_fits import fit_cascades, maps_of
 from warpopt.frames.cascaded_map import CascadedMap
 from warpopt.frames.fits import Fitting
-from warpopt.frames.names import Cascades, cascades_of, refuse_unknown, title_of
+from warpopt.frames.methods import STEP, method_of, method_title
+from warpopt.frames.names import Cascades, cascades_of, refuse_unknown, title_of, warp_of_method
+from warpopt.frames.paths import Moment, flips, path
 
 pytest.importorskip("embreex")
 LIGHT = np.array([0.5, -1.0, 0.3])
@@ -86,7 +88,7 @@ def test_fits_are_the_library_s_plan_and_hold_every_receiver(fitting):
         texels = sum(part.size[0] * part.size[1] for part in made.parts)
         assert texels == pytest.approx(64 * 64, rel=0.03)  # sides are whole: half a texel of 45
     far = fit_cascades(fitting, "4-godot-none")
-    assert far.splits == pytest.approx((0.05, 10, 20, 50, 100))
+    np.testing.assert_allclose(far.splits, warpopt.cascades.splits.godot(0.05, 100.0))
     assert far.parts[3] is None  # nothing is seen beyond 50
     assert far.eta == (1, 1, pytest.approx(1) if far.parts[2] else None, None)
     alone = fit_cascades(fitting, "1-logarithmic-p-inf")
@@ -105,3 +107,36 @@ def test_cascades_have_a_smaller_error_than_one_map(fitting):
     spheres = measured(frame, maps_of(fitting, fit_cascades(fitting, "4-logarithmic-sphere")))
     assert four.wrong < 0.9 * one.wrong
     assert four.wrong < spheres.wrong
+
+
+@pytest.mark.parametrize("name", ["2-logarithmic-sphere", "window-2-logarithmic-none"])
+def test_along_a_path_spheres_and_windows_hold_still(fitting, name):
+    """A walk of six frames: while splits stay and nothing is fitted anew, almost no verdict changes; fitted in each
+    frame, many do. Splits are at powers of the step."""
+    scene, size = fitting.scene, fitting.frame.judged.shape
+    still, fresh = method_of(name, 64), method_of("2-logarithmic-none", 64)
+    told = {"still": [0, 0], "fresh": [0, 0]}
+    before = {}
+    for number, (camera, _) in enumerate(path("walk", fitting.frame.camera, LIGHT, 6, 30.0)):
+        frame = see(scene, camera, *size)
+        for kind, method in (("still", still), ("fresh", fresh)):
+            moment = Moment(scene, frame, method(number, scene, frame))
+            same = kind in before and before[kind].shadow_map.ends == moment.shadow_map.ends
+            if kind == "fresh" or (same and not getattr(still, "refitted", False)):
+                counts = flips(before[kind], moment, Reading()) if kind in before else (0, 0)
+                told[kind] = [a + b for a, b in zip(told[kind], counts, strict=True)]
+            before[kind] = moment
+        ends = np.log(before["still"].shadow_map.ends) / np.log(STEP)
+        np.testing.assert_allclose(ends, np.round(ends), atol=1e-6)
+    assert told["still"][1] > 2 * len(fitting.frame.lit)
+    # A receiver that comes nearer may go to the next cascade.
+    assert told["still"][0] < 0.1 * told["fresh"][0] * told["still"][1] / told["fresh"][1]
+
+
+def test_methods_with_cascades_by_name():
+    assert warp_of_method("window-4-godot-turned-edge") == "4-godot-turned-edge"
+    assert method_title("window-2-logarithmic-none").endswith("no warp, each in a stable window")
+    assert method_title("2-logarithmic-sphere") == "2 cascades, logarithmic splits, snapped spheres"
+    for name in ("held-2-logarithmic-none", "window-2-edge-none", "window-2-logarithmic-sphere", "2-x-none"):
+        with pytest.raises(ValueError, match="COUNT-SPLITS-WARP"):
+            method_of(name, 64)

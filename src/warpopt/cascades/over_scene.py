@@ -7,22 +7,25 @@ by one; what is found is then solved over the receivers themselves, so that erro
 
 import functools
 from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..objective import Objective
 from ..receivers.one_by_one import OneByOne
+from ..receivers.receivers import Receivers
 from ..receivers.weighted.cells import EXACT
 from ..solve.scene import settled_scene, solve_scene
 from ..solve.solution import SceneSolution
 from ..views import SceneView, one_light
 from .chain import best_chain, between
+from .splits import even_in_the_logarithm
 
-_STEPS = 48  # of bisection over the common error: its interval shrinks to rounding
+_STEPS = 60  # of the search for the common error: bisection shrinks its interval to rounding
 _POINTS = 17  # depths that each split may have, even in the logarithm: of the whole range, then of two steps of it
 _ROUNDS = 4
 _GRID = 513  # depths to split a body at, or many pixels: far/near of 1e4 in steps of two per cent
@@ -33,6 +36,11 @@ def within(view: SceneView, near: Float[Array, ""], far: Float[Array, ""]) -> Sc
     """The same view with the receivers of a range of view depths alone."""
     part = view.receivers.between(view.camera, near, far)
     return eqx.tree_at(lambda v: (v.camera, v.receivers), view, part)
+
+
+def weighted(receivers: Receivers) -> bool:
+    """Whether receivers have weights of their own: numbers, not a name."""
+    return isinstance(receivers, OneByOne) and receivers.weights.values is not None
 
 
 @jax.jit
@@ -124,65 +132,114 @@ def _error(view: SceneView, near: Array, far: Array, objective: Objective, warp:
     return solution.value if warp else solution.unwarped
 
 
+class _Levels(NamedTuple):
+    """The search for the common error: logs of levels, and the chains found at them.
+
+    Attributes:
+        low: a level that no chain betters; `shortest`, where its cascades end; `over`, by how much the last exceeds it.
+        high: a level at which the last one's error is below it; `farthest` and `under` likewise.
+        value: the least error attained, by the chain that ends at `best`.
+    """
+
+    low: Float[Array, ""]
+    high: Float[Array, ""]
+    shortest: Int[Array, " K"]
+    farthest: Int[Array, " K"]
+    over: Float[Array, ""]
+    under: Float[Array, ""]
+    value: Float[Array, ""]
+    best: Int[Array, " K"]
+    step: Int[Array, ""]
+
+
 @functools.partial(jax.jit, static_argnames=("objective", "warp"))
 def _equalised(view: SceneView, ends: Array, scale: Array, overlap: float, objective: Objective, warp: bool) -> Array:
-    """L-inf: from the front each cascade is as long as a common error allows; bisection over that error.
+    """L-inf: all cascades but the last as long as a common level allows, and the level at which the last one has it.
 
-    Errors grow with what a cascade holds (theory2's Theorem 1), so the longest is right, and found by bisection over
-    depths between receivers.
+    Errors grow with what a cascade holds (theory2's Theorem 1), so the longest is right, and the last one's error falls
+    as the level rises. What any chain attains bounds the least error from above; from below do the levels that the last
+    cascade exceeds, and at first the least error of the logarithmic split (Theorem 2).
     """
     depths = _depths(view, ends)
+    coarse = view.receivers.of_cells
     # Cells are coarser than a thousandth; points are exact.
-    close = _CLOSE if view.receivers.of_cells else 4 * jnp.finfo(ends.dtype).eps
+    close = _CLOSE if coarse else 4 * jnp.finfo(ends.dtype).eps
     count, last = len(scale), len(depths) - 1
     starts = jnp.maximum(depths * (1 - overlap), ends[0])
+    numbers = jnp.arange(count, dtype=jnp.int32)
+    logarithmic = even_in_the_logarithm(ends[0], ends[1], (numbers + 1).astype(ends.dtype) / count)
+    at_first = jnp.searchsorted(depths, logarithmic).astype(jnp.int32).at[-1].set(last)
 
     def error(i: Array, j: Array, k: Array) -> Array:
         start = jnp.where(k == 0, depths[i], starts[i])
-        return jnp.where(j > i, _error(view, start, depths[jnp.maximum(j, i + 1)], objective, warp), 0) / scale[k]
+        value = _error(view, start, depths[jnp.maximum(j, i + 1)], objective, warp) / scale[k]
+        return jnp.where(j > i, jnp.log(value), -jnp.inf)
 
-    def longest(level: Array, i: Array, k: Array) -> tuple[Array, Array]:
-        """(the largest j whose cascade from i has at most this error, its error)."""
+    def longest(level: Array, i: Array, k: Array, low: Array, high: Array, given: Array) -> tuple[Array, Array]:
+        """(the largest j in [low, high] whose cascade from i has at most this error, its error); `high` if given.
 
-        def step(_, state):
-            low, high, found = state
-            middle = (low + high + 1) // 2
-            value = error(i, middle, k)
+        By interpolation, as the error is nearly a power of the depth; every third step halves the interval.
+        """
+        low = jnp.where(given, high, jnp.maximum(low, i))
+        high = jnp.maximum(high, low)
+
+        def step(state):
+            low, high, below, above, found, turn = state
+            share = (level - below) / (above - below)
+            share = jnp.where((turn % 3 < 2) & jnp.isfinite(share), share, 0.5)
+            reach = high - low
+            at = low + jnp.clip((share * (reach + 1)).astype(jnp.int32), jnp.minimum(1, reach), reach)
+            value = error(i, at, k)
             fits = value <= level
-            return jnp.where(fits, middle, low), jnp.where(fits, high, middle - 1), jnp.where(fits, value, found)
+            return (
+                jnp.where(fits | given, at, low), jnp.where(fits | given, high, at - 1), jnp.where(fits, value, below),
+                jnp.where(fits, above, value), jnp.where(fits | given, value, found), turn + 1,
+            )  # fmt: skip
 
-        steps = int(np.ceil(np.log2(last + 1))) + 1
-        zero = jnp.zeros((), ends.dtype)
-        low, _, found = jax.lax.fori_loop(0, steps, step, (i, jnp.full_like(i, last), zero))
+        def open_(state):
+            return jnp.where(given, state[-1] < 1, state[0] < state[1])
+
+        start = low, high, -inf, inf, -inf, jnp.zeros((), jnp.int32)
+        low, _, _, _, found, _ = jax.lax.while_loop(open_, step, start)
         return low, found
 
-    def greedy(level: Array) -> tuple[Array, Array]:
-        """(where each cascade ends, the largest error found)."""
+    def narrower(state: _Levels) -> _Levels:
+        first = state.step == 0
+        middle = jnp.where(jnp.isfinite(state.low), (state.low + state.high) / 2, state.high - 3)
+        level = middle
+        if coarse:
+            secant = state.low + state.over / (state.over - state.under) * (state.high - state.low)
+            level = jnp.where((secant > state.low) & (secant < state.high) & (state.step % 3 < 2), secant, middle)
+        given = first | (numbers == count - 1)
 
-        def one(i: Array, k: Array):
-            j, found = longest(level, i, k)
+        def one(i: Array, part: tuple[Array, Array, Array, Array]):
+            j, found = longest(level, i, *part)
             return j, (j, found)
 
-        _, (at, found) = jax.lax.scan(one, jnp.zeros((), jnp.int32), jnp.arange(count, dtype=jnp.int32))
-        return at, found.max()
+        parts = numbers, jnp.where(first, at_first, state.shortest), jnp.where(first, at_first, state.farthest), given
+        _, (at, found) = jax.lax.scan(one, jnp.zeros((), jnp.int32), parts)
+        value, miss = found.max(), found[-1] - level
+        better = value < state.value
+        best, least = jnp.where(better, at, state.best), jnp.minimum(value, state.value)
+        below = miss <= 0
+        low, high = (
+            jnp.where(first, bound, v) for bound, v in ((found.min(), state.low), (value, state.high))
+        )  # fmt: skip
+        wide = first | below, first | ~below  # what stays
+        return _Levels(
+            jnp.where(wide[0], low, level), jnp.minimum(jnp.where(wide[1], high, level), least),
+            jnp.where(wide[0], state.shortest, at), jnp.where(wide[1], state.farthest, at),
+            jnp.where(wide[0], state.over, miss), jnp.where(wide[1], state.under, miss),
+            least, best, state.step + 1,
+        )  # fmt: skip
 
-    def narrower(state):
-        low, high, at, step = state
-        middle = jnp.where(low > 0, jnp.sqrt(low) * jnp.sqrt(high), high / 16)
-        found, value = greedy(middle)
-        reached = found[-1] == last
-        # On success the level falls to what was attained.
-        high = jnp.where(reached, jnp.minimum(value, middle), high)
-        return jnp.where(reached, low, middle), high, jnp.where(reached, found, at), step + 1
+    def wide(state: _Levels) -> Array:
+        return (state.step <= _STEPS) & (state.high > state.low + jnp.log1p(close)) & (state.high > -jnp.inf)
 
-    def wide(state):
-        low, high, _, step = state
-        return (step <= _STEPS) & (high > low * (1 + close)) & (high > 0)
-
-    # The first level is inf, which one cascade attains, in the loop itself: so the solve is compiled once.
-    zero = jnp.zeros((), ends.dtype)
-    state = zero, jnp.full_like(zero, jnp.inf), jnp.full(count, last, jnp.int32), jnp.zeros((), jnp.int32)
-    _, _, at, _ = jax.lax.while_loop(wide, narrower, state)
+    inf, none = jnp.full((), jnp.inf, ends.dtype), jnp.zeros((), jnp.int32)
+    whole = jnp.full(count, last, jnp.int32)
+    begin = _Levels(-inf, inf, jnp.zeros_like(whole), whole, inf, -inf, inf, at_first, none)
+    at = jax.lax.while_loop(wide, narrower, begin).best
     return jnp.concatenate([ends[:1], depths[at[:-1]], ends[1:]])
 
 

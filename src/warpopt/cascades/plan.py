@@ -17,7 +17,7 @@ from ..solve.solution import SceneSolution
 from ..theory.warp import Warp
 from ..views import FrustumView, SceneView, refuse_other
 from .over_frustum import ends_of, errors_over_frusta, masses, splits_of_means, splits_of_shares
-from .over_scene import depth_range, errors_over_scene, splits_of_scene
+from .over_scene import depth_range, errors_over_scene, splits_of_scene, weighted
 from .splits import MOST, logarithmic
 
 
@@ -109,7 +109,9 @@ def plan(
     Args:
         view: a `FrustumView`, of any shape; or a `SceneView`, whose direction, aspect and lateral fit each cascade has.
         count: cascades, 1 to 16; 1 is `optimal_warp`.
-        objective: E_p in L-inf if None.
+        objective: what the splits minimise. None: E_p in L-inf; but over a scene the logarithmic split of the
+            receivers' range, rated by that, which rendered pixels favour over the best splits of E_p
+            (docs/cascades.md); and where the receivers have weights of their own, such as edges', "edge".
         overlap: each cascade but the first begins at (1 - overlap) of its split, in [0, 1).
         shares: (K,) of each cascade's linear resolution, > 0; equal if None.
         warp: whether cascades are warped.
@@ -125,7 +127,8 @@ def plan(
         >>> 20 < float(made.splits[1]) < 40, made.matrices()[0].shape
         (True, (2, 4, 4))
     """
-    goal, band, parts = _checked(view, count, objective, overlap, shares, warp)
+    by_edges = objective is None and isinstance(view, SceneView) and weighted(view.receivers)
+    goal, band, parts = _checked(view, count, Objective("edge") if by_edges else objective, overlap, shares, warp)
     if isinstance(view, FrustumView):
         near, far = ends_of(view)
         _refuse_thin(near, far, band)
@@ -143,8 +146,11 @@ def plan(
         least, largest = depth_range(view)
         if float(least) < float(largest):
             _refuse_thin(least, largest, band)
-        made = splits_of_scene(view, (least, largest), count, goal, parts, band, warp)
-    return errors(view, made, goal, overlap=band, shares=parts, warp=warp)
+        if objective is None and not by_edges and float(least) < float(largest) < np.inf:
+            made = logarithmic(least, largest, count)
+        else:
+            made = splits_of_scene(view, (least, largest), count, goal, parts, band, warp)
+    return _plan_of(view, made, goal, band, parts, warp)
 
 
 def errors(
@@ -159,7 +165,8 @@ def errors(
     """Any split with the best warp of each cascade, or without: its errors, and how far it can be from the best.
 
     Args:
-        view, objective, overlap, shares, warp: as for `plan`.
+        view, overlap, shares, warp: as for `plan`.
+        objective: E_p in L-inf if None.
         splits: (..., K + 1) view depths, increasing, that cover the frustum or the receivers.
 
     Raises:
@@ -180,21 +187,23 @@ def errors(
         lambda z: (z > 0) & (z < jnp.inf) & jnp.concatenate([z[..., 1:] >= z[..., :-1], z[..., :1] > 0], -1),
         "positive depths that increase",
     )  # fmt: skip
-    count = splits.shape[-1] - 1
-    goal, band, parts = _checked(view, count, objective, overlap, shares, warp)
-    starts = jnp.concatenate([splits[..., :1], splits[..., 1:-1] * (1 - band)], -1)
-    if isinstance(view, FrustumView):
-        near, far = ends_of(view)
-        _refuse_outside(splits, near, far)
-        starts = jnp.maximum(starts, splits[..., :1])
-        each, warps = errors_over_frusta(view, starts, splits[..., 1:], goal, warp)
-        mass = None if goal.supremum else masses(splits[..., :-1], splits[..., 1:], near, far, goal)
-        return _assembled(splits, starts, warps, each, goal, parts, mass, _FRUSTUM, None, None)
-    if splits.ndim != 1:
+    goal, band, parts = _checked(view, splits.shape[-1] - 1, objective, overlap, shares, warp)
+    if isinstance(view, SceneView) and splits.ndim != 1:
         raise ValueError(f"splits: got shape {splits.shape}, expected (K + 1,) over a scene: one call for each")
-    least, largest = depth_range(view)
-    _refuse_outside(splits, least, largest)
-    starts = jnp.maximum(starts, splits[:1])
+    _refuse_outside(splits, *(ends_of(view) if isinstance(view, FrustumView) else depth_range(view)))
+    return _plan_of(view, splits, goal, band, parts, warp)
+
+
+def _plan_of(
+    view: FrustumView | SceneView, splits: Array, goal: Objective, band: float, parts: np.ndarray, warp: bool
+) -> Plan:
+    """The plan of splits that cover the view."""
+    starts = jnp.concatenate([splits[..., :1], splits[..., 1:-1] * (1 - band)], -1)
+    starts = jnp.maximum(starts, splits[..., :1])
+    if isinstance(view, FrustumView):
+        each, warps = errors_over_frusta(view, starts, splits[..., 1:], goal, warp)
+        mass = None if goal.supremum else masses(splits[..., :-1], splits[..., 1:], *ends_of(view), goal)
+        return _assembled(splits, starts, warps, each, goal, parts, mass, _FRUSTUM, None, None)
     views, solutions, mass = errors_over_scene(view, starts, splits, goal, warp)
     warps = solutions.warp
     if not warp:

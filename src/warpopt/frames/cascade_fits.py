@@ -10,7 +10,8 @@ from ..solve.solution import SceneSolution
 from ..views import SceneView
 from .cascaded_map import CascadedMap
 from .fits import Fitted, Fitting
-from .names import ENGINES, Cascades, cascades_of, objective_of, turn_of
+from .names import ENGINES, SCHEMES, Cascades, cascades_of, objective_of, turn_of
+from .seen import Frame
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,8 +38,11 @@ class Cascaded:
         return tuple(None if part is None else part.eta for part in self.parts)
 
 
-def fit_cascades(fitting: Fitting, name: str) -> Cascaded:
+def fit_cascades(fitting: Fitting, name: str, step: float | None = None) -> Cascaded:
     """The cascades of a name: together they have as many texels as the fitting's map.
+
+    Args:
+        step: splits at powers of it, if given.
 
     Raises:
         ValueError: an unknown name, a single map's, or an engine that has no default for this number.
@@ -46,11 +50,11 @@ def fit_cascades(fitting: Fitting, name: str) -> Cascaded:
     asked = cascades_of(name)
     if asked is None:
         raise ValueError(f"cascades: got {name!r}, expected COUNT-SPLITS-WARP, such as '4-logarithmic-turned-edge'")
-    size = _of_each(fitting.size, asked.count)
+    size = size_of_each(fitting.size, asked.count)
     objective = None if asked.warp == "sphere" else objective_of(asked.warp)
     view = _view(fitting, asked.warp, objective, size)
     goal = objective or Objective()
-    plan = cascades.errors(view, _splits(fitting, asked), goal, warp=objective is not None)
+    plan = cascades.errors(view, _splits(fitting, asked, step), goal, warp=objective is not None)
     casters = fitting.scene.corners_all
     if asked.warp == "sphere":
         matrices, _ = plan.matrices(casters=casters, fit="sphere", texels=min(size))
@@ -72,7 +76,7 @@ def maps_of(fitting: Fitting, made: Cascaded) -> CascadedMap:
     return CascadedMap(fitting.frame.camera, maps, made.splits[1:])
 
 
-def _of_each(size: tuple[int, int], count: int) -> tuple[int, int]:
+def size_of_each(size: tuple[int, int], count: int) -> tuple[int, int]:
     """The size of each of several maps that have as many texels as one, up to rounding."""
     across, along = (max(2, round(side / np.sqrt(count))) for side in size)
     return across, along
@@ -95,20 +99,33 @@ def _view(fitting: Fitting, warp: str, objective: Objective | None, size: tuple[
     )  # fmt: skip
 
 
-def _splits(fitting: Fitting, asked: Cascades) -> np.ndarray:
-    frame, camera = fitting.frame, fitting.frame.camera
-    seen = frame.depth[np.isfinite(frame.depth)]
+def splits_by_scheme(frame: Frame, asked: Cascades, step: float | None = None) -> np.ndarray:
+    """Splits that need no objective: of the range that is seen, or by an engine of the camera's.
+
+    Args:
+        step: splits at powers of it, if given.
+
+    Raises:
+        ValueError: an engine that has no default for this number.
+    """
+    camera, seen = frame.camera, frame.depth[np.isfinite(frame.depth)]
     near, far = float(seen.min()), float(seen.max())
     if asked.splits in ENGINES:
         scheme = cascades.splits.ENGINES[asked.splits]
         return np.asarray(scheme(camera.near, camera.far if np.isfinite(camera.far) else far, asked.count))
-    if asked.splits in cascades.splits.SCHEMES:
-        if not near < far:
-            return np.array([near, *[far] * asked.count])
-        return np.asarray(cascades.splits.SCHEMES[asked.splits](near, far, asked.count))
+    if not near < far:
+        return np.array([near, *[far] * asked.count])
+    made = cascades.splits.SCHEMES[asked.splits](near, far, asked.count)
+    return np.asarray(made if step is None else cascades.splits.stepped(made, step))
+
+
+def _splits(fitting: Fitting, asked: Cascades, step: float | None) -> np.ndarray:
+    if asked.splits in (*SCHEMES, *ENGINES):
+        return splits_by_scheme(fitting.frame, asked, step)
     key = asked.count, asked.splits, asked.warp not in ("none", "sphere")
     if key not in fitting.best_splits:
         objective = objective_of(asked.splits)
-        view = _view(fitting, asked.splits, objective, _of_each(fitting.size, asked.count))
+        view = _view(fitting, asked.splits, objective, size_of_each(fitting.size, asked.count))
         fitting.best_splits[key] = np.asarray(cascades.plan(view, asked.count, objective, warp=key[-1]).splits)
-    return fitting.best_splits[key]
+    made = fitting.best_splits[key]
+    return made if step is None else np.asarray(cascades.splits.stepped(made, step))

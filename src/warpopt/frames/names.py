@@ -145,7 +145,7 @@ def refuse_unknown(name: str) -> None:
 
 
 def warp_of_method(name: str) -> str | None:
-    """The warp that a path's method fits: of its name, without "held-"; None for a snapped sphere.
+    """The warp or the cascades that a path's method fits: its name without "held-" and "window-"; None for a sphere.
 
     Raises:
         ValueError: an unknown name, or "best", which no engine could search.
@@ -158,16 +158,21 @@ def warp_of_method(name: str) -> str | None:
         return None
     warp = name.removeprefix("held-").removeprefix(WINDOW) if isinstance(name, str) else ""
     try:
-        objective = objective_of(warp)
+        cascades = cascades_of(warp)
+        objective = None if cascades is not None else objective_of(warp)
         # A stable window minimises an objective, or has no warp: a rule has no error that could pass a tolerance.
         known = warp != "best" and not (name.startswith(WINDOW) and objective is None and warp != "none")
+        if cascades is not None:  # splits in windows move in steps, and are not planned anew for each frame
+            alone = cascades.splits in (*SCHEMES, *ENGINES) and cascades.warp != "sphere"
+            known = warp == name or (alone and name == WINDOW + warp)
     except ValueError:
         known = False
     if not known:
         raise ValueError(
             f"got {shown(name)}, expected {' or '.join(map(repr, STABLE))}, or a warp that does not need the truth "
             "('none', a rule, 'edge', 'band' or a metric and a norm such as 'p-inf'), with or without 'held-' before "
-            "it, or 'window-' before 'none' or an objective"
+            "it, or 'window-' before 'none' or an objective; or COUNT-SPLITS-WARP, with 'window-' before it if the "
+            "splits are a scheme's or an engine's and the warp is not 'sphere'"
         )
     return warp
 

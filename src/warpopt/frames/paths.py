@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..scene_files.scene_camera import SceneCamera, unit
+from .cascaded_map import CascadedMap
 from .light_rays import LitScene
 from .seen import Frame
 from .shadow_map import Reading, ShadowMap
@@ -83,7 +84,7 @@ class Moment:
 
     scene: LitScene
     frame: Frame
-    shadow_map: ShadowMap
+    shadow_map: ShadowMap | CascadedMap
 
 
 def seen_again(before: Moment, after: Moment) -> Bool[np.ndarray, " P"]:
@@ -135,5 +136,5 @@ def _under(before: Moment, after: Moment, points: Frame) -> Frame:
     )  # fmt: skip
 
 
-Method = Callable[[int, LitScene, Frame], Float[np.ndarray, "4 4"]]
-"""The matrix of a frame, from its number, scene and pixels: a fit, refitted or held."""
+Method = Callable[[int, LitScene, Frame], ShadowMap | CascadedMap]
+"""The map or maps of a frame, from its number, scene and pixels: a fit, refitted or held."""

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from warpopt.frames import LitScene, ShadowMap, judge, see
-from warpopt.frames.methods import Windowed, method_of, method_title
+from warpopt.frames import LitScene, judge, see
+from warpopt.frames.methods import Windowed, WindowedCascades, method_of, method_title
+from warpopt.frames.names import WINDOW
 from warpopt.frames.paths import Moment, flips
 from warpopt.frames.pictures import enlarged, painted, worst_places, wrong_pixels
-from warpopt.stable import Action
 
 from ...scene_files.scene_camera import SceneCamera
 from .settings import FramesConfig
@@ -53,14 +53,14 @@ def measured_path(
             continue
         shown = {}
         for name, method in methods.items():
-            moment = Moment(scene, frame, ShadowMap(scene, method(number, scene, frame), (texels, texels)))
+            moment = Moment(scene, frame, method(number, scene, frame))
             shown[name] = moment.shadow_map.visibility(frame, reading)
             courses[name].wrong.append(judge(frame, shown[name]).wrong)
             if name in previous:
                 flipped, compared = flips(previous[name], moment, reading)
                 courses[name].flipped += flipped
                 courses[name].compared += compared
-                if isinstance(method, Windowed) and method.updates[-1].action == Action.REFITTED:
+                if isinstance(method, (Windowed, WindowedCascades)) and method.refitted:
                     courses[name].pops.append(flipped / max(1, compared))
             previous[name] = moment
         if place is None:
@@ -80,7 +80,7 @@ def measured_path(
             "method": name, "static": float(np.nanmean(course.wrong)) if course.wrong else None,
             "flicker": course.flipped / course.compared if course.compared else None,
             "frames": len(course.wrong), "compared": course.compared,
-            "refits": len(course.pops) if isinstance(methods[name], Windowed) else None,
+            "refits": len(course.pops) if name.startswith(WINDOW) else None,
             "worst_pop": max(course.pops) if course.pops else None,
         }
         for name, course in courses.items()
