@@ -4,7 +4,10 @@
         --images docs/images
 
 A frame is 256 x 160 pixels, 30 frames a second; maps of 512 x 512 texels, read as they lie. Four scenes from seeds, one
-path of each kind in each, and two longer ones with `--long`.
+path of each kind in each, and two longer ones with `--long`. Cascades have runs of their own, with as many texels:
+
+    python experiments/flicker.py --cascades --motions walk turn --directory runs/flicker_cascades \
+        --page docs/cascades.md
 """
 
 import argparse
@@ -43,6 +46,11 @@ SHOWN = {
 LONG = (("city", "look"), ("hills", "walk"))
 SHORT_METHODS = ("none", "lispsm", "sphere", "window-p-inf")
 MANY = 100
+OF_CASCADES = (
+    "none", "sphere", "4-logarithmic-none", "4-logarithmic-turned-edge", "4-logarithmic-sphere",
+    "window-4-logarithmic-none", "window-4-logarithmic-turned-edge",
+)  # fmt: skip
+SHORT_OF_CASCADES = ("none", "2-logarithmic-sphere", "window-2-logarithmic-none")
 LONG_METHODS = (
     "none", "lispsm", "turned-edge", "sphere", "sphere-receivers", "window-none", "window-turned-edge",
 )  # fmt: skip
@@ -111,7 +119,7 @@ def page(records: dict) -> str:
                 continue
             static, flicker = _static(mine), _flicker(mine)
             cells.append(f"{100 * static:.2f} / {100 * flicker:.3f}")
-            if name not in STABLE and not name.startswith(WINDOW) and motion in TITLES:
+            if name not in STABLE and not name.startswith(WINDOW) and "-sphere" not in name and motion in TITLES:
                 frames = len(mine[0]["wrong"])
                 fits = (frames - 1) // HELD if name.startswith("held-") and motion != "sun" else frames - 1
                 laws += [f"{flicker * (frames - 1) / fits / static:.2f}"] if fits else []
@@ -126,10 +134,9 @@ def page(records: dict) -> str:
     )
     heads = ["window", "refits a second", "on the worst path", "points flipped by a refit", "by the worst",
              "flicker between refits"]  # fmt: skip
-    return "\n".join([
-        note, table(["method", *motions, "flicker / (static x fits)"], rows),
-        table(heads, windows), table(["goal", "bar", "measured", ""], _goals(records)),
-    ])  # fmt: skip
+    parts = [note, table(["method", *motions, "flicker / (static x fits)"], rows), table(heads, windows)]
+    goals = _goals(records)
+    return "\n".join([*parts, table(["goal", "bar", "measured", ""], goals)] if goals else parts)
 
 
 def _motion(key: str) -> str:
@@ -211,6 +218,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--renew", nargs="+", default=[], choices=METHODS, help="measure these anew on kept paths")
     parser.add_argument("--scenes", nargs="+", choices=KINDS, help="some of the scenes only")
     parser.add_argument("--motions", nargs="+", choices=MOTIONS, help="some of the motions only")
+    parser.add_argument("--cascades", action="store_true", help="methods with four cascades instead of single maps")
     parser.add_argument("--short", action="store_true", help="one short path")
     parser.add_argument("--page", type=Path, help="write the table into this page")
     parser.add_argument("--images", type=Path, help="write the animation into this folder")
@@ -221,6 +229,8 @@ def main(arguments: list[str] | None = None) -> int:
     count, size = (3, (96, 60)) if asked.short else (asked.count, (WIDTH, HEIGHT))
     pairs = [(kind, motion, count) for kind in kinds for motion in motions]
     methods = SHORT_METHODS if asked.short else METHODS
+    if asked.cascades:
+        methods = SHORT_OF_CASCADES if asked.short else OF_CASCADES
     if asked.long:
         pairs += [(kind, motion, asked.long) for kind, motion in LONG]
     kept = asked.directory / "flicker.json"
@@ -244,7 +254,7 @@ def main(arguments: list[str] | None = None) -> int:
     text = page(records)
     (asked.directory / "flicker.md").write_text(text, encoding="utf-8")
     if asked.page:
-        write_between(asked.page, "flicker", text)
+        write_between(asked.page, "flicker of cascades" if asked.cascades else "flicker", text)
     return 0
 
 

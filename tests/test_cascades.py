@@ -243,6 +243,41 @@ def test_pixels_and_bodies_are_split_too():
     assert float(body.lower) <= float(body.value) <= 1.02 * float(body.lower)
 
 
+@pytest.mark.parametrize("overlap", [0.0, 0.2])
+def test_one_solve_of_a_frustum_serves_all_its_cascades(overlap):
+    """What the plan says of each is what each has by itself: error, eta, and the warp's place along the view."""
+    for warp in (True, False):
+        plan = cascades.plan(view_of(ANGLES), 3, Objective("pxq"), overlap=overlap, warp=warp)
+        alone = cascades.errors(view_of(ANGLES), plan.splits, Objective("pxq"), overlap=overlap, warp=warp)
+        for one, other in zip(jax.tree.leaves((plan.errors, plan.warps)), jax.tree.leaves((alone.errors, alone.warps)),
+                              strict=True):  # fmt: skip
+            np.testing.assert_allclose(one, other, rtol=1e-12)
+
+
+def test_splits_in_steps_cover_and_stay():
+    """They cover the range and lie at powers; a range that grows and shrinks by less than a step moves none of them."""
+    random = np.random.default_rng(5)
+    before, moves, alone = None, 0, 0
+    last = None
+    for t in range(200):
+        near, far = 2 * 1.1 ** (0.5 + 0.3 * np.sin(t)), 90 * 1.1 ** random.uniform(-0.4, 0.4)
+        exact = np.asarray(splits.logarithmic(near, far, 4))
+        made = np.asarray(splits.stepped(exact, 1.1, before))
+        places = np.log(made) / np.log(1.1)
+        np.testing.assert_allclose(places, np.round(places), atol=1e-9)
+        assert made[0] <= near * (1 + 1e-6)
+        assert made[-1] >= far * (1 - 1e-6)
+        assert (np.abs(np.log(made / exact) / np.log(1.1)) < [2, 1, 1, 1, 2]).all()
+        fresh = np.asarray(splits.stepped(exact, 1.1))
+        moves += before is not None and not np.array_equal(made, before)
+        alone += last is not None and not np.array_equal(fresh, last)
+        before, last = made, fresh
+    assert moves <= 4 < 50 < alone
+    for wrong, words in (([1.0, 2.0], "previous: got shape"), ([1.0, 2.0, np.nan], "previous")):
+        with pytest.raises(ValueError, match=words):
+            splits.stepped([1.0, 2.0, 3.0], 1.1, wrong)
+
+
 @pytest.mark.parametrize(("maps", "told"), [(1, (25.8, 0)), (4, (2.58, 4.55))])
 def test_storage_over_the_bound(maps, told):
     """K S(R^(1/K)) over Theorem 5's bound at R = 100, theta = 60 degrees: theory2's table."""

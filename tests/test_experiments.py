@@ -260,6 +260,10 @@ def test_flicker_is_measured(tmp_path, main):
     assert "snapped" in (tmp_path / "flicker.md").read_text()
     for name in ("flicker.gif", "stability.png"):
         assert (tmp_path / name).stat().st_size > 1000
+    main("flicker", "--short", "--cascades", "--directory", str(tmp_path / "several"))
+    (told,) = json.loads((tmp_path / "several/flicker.json").read_text()).values()
+    assert told["2-logarithmic-sphere"]["flipped"] < 0.2 * told["none"]["flipped"]  # points that change their cascade
+    assert told["window-2-logarithmic-none"]["between"] < 0.2 * told["none"]["flipped"]
 
 
 def test_a_window_that_keeps_costs_a_pass(tmp_path, main, capsys):

@@ -128,6 +128,8 @@ def test_along_a_path_spheres_and_windows_hold_still(fitting, name):
             before[kind] = moment
         ends = np.log(before["still"].shadow_map.ends) / np.log(STEP)
         np.testing.assert_allclose(ends, np.round(ends), atol=1e-6)
+    one, other = before["still"].shadow_map.maps
+    assert not np.allclose(one.plane, other.plane)  # each holds its own receivers
     assert told["still"][1] > 2 * len(fitting.frame.lit)
     # A receiver that comes nearer may go to the next cascade.
     assert told["still"][0] < 0.1 * told["fresh"][0] * told["still"][1] / told["fresh"][1]

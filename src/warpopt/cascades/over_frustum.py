@@ -2,6 +2,7 @@
 
 import functools
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -44,6 +45,17 @@ def errors_over_frusta(
     plain = solution.warp.unwarped
     values, _ = in_blocks(norms_over_frusta, (frustum, theta, plain), objective, Method())
     return jnp.where(there, values, 0), plain
+
+
+def errors_of_similar(
+    view: FrustumView, starts: Float[Array, "... K"], ends: Float[Array, "... K"], objective: Objective, warp: bool
+) -> tuple[Float[Array, "... K"], Warp]:
+    """`errors_over_frusta` of pieces of equal far/near: the first one's error and eta, its lengths in proportion."""
+    each, warps = errors_over_frusta(view, starts[..., :1], ends[..., :1], objective, warp)
+    scale = starts / starts[..., :1]
+    whole = jax.tree.map(lambda v: jnp.broadcast_to(v, scale.shape), warps)
+    lengths = eqx.tree_at(lambda w: (w.start, w.mu), whole, (warps.start * scale, warps.mu * scale))
+    return jnp.broadcast_to(each, scale.shape), lengths
 
 
 def masses(starts: Array, ends: Array, near: Array, far: Array, objective: Objective) -> Float[Array, "... K"]:

@@ -137,17 +137,16 @@ class _Levels(NamedTuple):
 
     Attributes:
         low: a level that no chain betters; `shortest`, where its cascades end; `over`, by how much the last exceeds it.
-        high: a level at which the last one's error is below it; `farthest` and `under` likewise.
         value: the least error attained, by the chain that ends at `best`.
+        farthest, under: as `shortest` and `over`, of the last level that was not below the last one's error.
     """
 
     low: Float[Array, ""]
-    high: Float[Array, ""]
+    value: Float[Array, ""]
     shortest: Int[Array, " K"]
     farthest: Int[Array, " K"]
     over: Float[Array, ""]
     under: Float[Array, ""]
-    value: Float[Array, ""]
     best: Int[Array, " K"]
     step: Int[Array, ""]
 
@@ -205,11 +204,11 @@ def _equalised(view: SceneView, ends: Array, scale: Array, overlap: float, objec
 
     def narrower(state: _Levels) -> _Levels:
         first = state.step == 0
-        middle = jnp.where(jnp.isfinite(state.low), (state.low + state.high) / 2, state.high - 3)
+        middle = jnp.where(jnp.isfinite(state.low), (state.low + state.value) / 2, state.value - 3)
         level = middle
         if coarse:
-            secant = state.low + state.over / (state.over - state.under) * (state.high - state.low)
-            level = jnp.where((secant > state.low) & (secant < state.high) & (state.step % 3 < 2), secant, middle)
+            secant = state.low + state.over / (state.over - state.under) * (state.value - state.low)
+            level = jnp.where((secant > state.low) & (secant < state.value) & (state.step % 3 < 2), secant, middle)
         given = first | (numbers == count - 1)
 
         def one(i: Array, part: tuple[Array, Array, Array, Array]):
@@ -219,26 +218,22 @@ def _equalised(view: SceneView, ends: Array, scale: Array, overlap: float, objec
         parts = numbers, jnp.where(first, at_first, state.shortest), jnp.where(first, at_first, state.farthest), given
         _, (at, found) = jax.lax.scan(one, jnp.zeros((), jnp.int32), parts)
         value, miss = found.max(), found[-1] - level
-        better = value < state.value
-        best, least = jnp.where(better, at, state.best), jnp.minimum(value, state.value)
-        below = miss <= 0
-        low, high = (
-            jnp.where(first, bound, v) for bound, v in ((found.min(), state.low), (value, state.high))
-        )  # fmt: skip
-        wide = first | below, first | ~below  # what stays
+        below = ~first & (miss <= 0)
+        above = ~first & (miss > 0)
+        low = jnp.where(first, found.min(), jnp.where(above, level, state.low))
         return _Levels(
-            jnp.where(wide[0], low, level), jnp.minimum(jnp.where(wide[1], high, level), least),
-            jnp.where(wide[0], state.shortest, at), jnp.where(wide[1], state.farthest, at),
-            jnp.where(wide[0], state.over, miss), jnp.where(wide[1], state.under, miss),
-            least, best, state.step + 1,
+            low, jnp.minimum(value, state.value),
+            jnp.where(above, at, state.shortest), jnp.where(below, at, state.farthest),
+            jnp.where(above, miss, state.over), jnp.where(below, miss, state.under),
+            jnp.where(value < state.value, at, state.best), state.step + 1,
         )  # fmt: skip
 
     def wide(state: _Levels) -> Array:
-        return (state.step <= _STEPS) & (state.high > state.low + jnp.log1p(close)) & (state.high > -jnp.inf)
+        return (state.step <= _STEPS) & (state.value > state.low + jnp.log1p(close)) & (state.value > -jnp.inf)
 
     inf, none = jnp.full((), jnp.inf, ends.dtype), jnp.zeros((), jnp.int32)
     whole = jnp.full(count, last, jnp.int32)
-    begin = _Levels(-inf, inf, jnp.zeros_like(whole), whole, inf, -inf, inf, at_first, none)
+    begin = _Levels(-inf, inf, jnp.zeros_like(whole), whole, inf, -inf, at_first, none)
     at = jax.lax.while_loop(wide, narrower, begin).best
     return jnp.concatenate([ends[:1], depths[at[:-1]], ends[1:]])
 

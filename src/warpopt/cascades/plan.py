@@ -16,7 +16,7 @@ from ..render.sphere_fit import sphere_matrix
 from ..solve.solution import SceneSolution
 from ..theory.warp import Warp
 from ..views import FrustumView, SceneView, refuse_other
-from .over_frustum import ends_of, errors_over_frusta, masses, splits_of_means, splits_of_shares
+from .over_frustum import ends_of, errors_of_similar, errors_over_frusta, masses, splits_of_means, splits_of_shares
 from .over_scene import depth_range, errors_over_scene, splits_of_scene, weighted
 from .splits import MOST, logarithmic
 
@@ -150,7 +150,9 @@ def plan(
             made = logarithmic(least, largest, count)
         else:
             made = splits_of_scene(view, (least, largest), count, goal, parts, band, warp)
-    return _plan_of(view, made, goal, band, parts, warp)
+    # Over a whole frustum equal maps are similar about the eye (theory2's Theorem 3, (a)): one solve serves all.
+    similar = isinstance(view, FrustumView) and goal.supremum and bool((parts == parts[0]).all())
+    return _plan_of(view, made, goal, band, parts, warp, similar)
 
 
 def errors(
@@ -191,17 +193,19 @@ def errors(
     if isinstance(view, SceneView) and splits.ndim != 1:
         raise ValueError(f"splits: got shape {splits.shape}, expected (K + 1,) over a scene: one call for each")
     _refuse_outside(splits, *(ends_of(view) if isinstance(view, FrustumView) else depth_range(view)))
-    return _plan_of(view, splits, goal, band, parts, warp)
+    return _plan_of(view, splits, goal, band, parts, warp, False)
 
 
 def _plan_of(
-    view: FrustumView | SceneView, splits: Array, goal: Objective, band: float, parts: np.ndarray, warp: bool
-) -> Plan:
+    view: FrustumView | SceneView, splits: Array, goal: Objective, band: float, parts: np.ndarray, warp: bool,
+    similar: bool,
+) -> Plan:  # fmt: skip
     """The plan of splits that cover the view."""
     starts = jnp.concatenate([splits[..., :1], splits[..., 1:-1] * (1 - band)], -1)
     starts = jnp.maximum(starts, splits[..., :1])
     if isinstance(view, FrustumView):
-        each, warps = errors_over_frusta(view, starts, splits[..., 1:], goal, warp)
+        solved = errors_of_similar if similar else errors_over_frusta
+        each, warps = solved(view, starts, splits[..., 1:], goal, warp)
         mass = None if goal.supremum else masses(splits[..., :-1], splits[..., 1:], *ends_of(view), goal)
         return _assembled(splits, starts, warps, each, goal, parts, mass, _FRUSTUM, None, None)
     views, solutions, mass = errors_over_scene(view, starts, splits, goal, warp)

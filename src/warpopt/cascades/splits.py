@@ -86,19 +86,24 @@ def fractions(near: Numbers, far: Numbers, shares: Sequence[float]) -> Float[Arr
     return checked("shares", made, _rising, "fractions that increase, and a first end beyond near")
 
 
-def stepped(splits: Numbers, step: float = 1.1) -> Float[Array, "... K+1"]:
+def stepped(splits: Numbers, step: float = 1.1, previous: Numbers | None = None) -> Float[Array, "... K+1"]:
     """Splits at powers of `step`, so that they move seldom, and by whole steps: the first down, the last up, others to
     the nearest.
 
     Args:
         splits: (..., K + 1), increasing.
         step: > 1.
+        previous: what this gave for the frame before. A split stays there until it is a whole step away, the first and
+            the last until they no longer cover the range, or are two steps away: one at the border between two steps
+            does not move to and fro.
 
     Raises:
-        ValueError: a step that is not above 1, or splits that are not positive.
+        ValueError: a step that is not above 1, splits that are not positive, or as many of them before.
 
     Example:
         >>> [round(float(z), 3) for z in stepped([1.05, 9.8, 100.2], 2.0)]
+        [1.0, 8.0, 128.0]
+        >>> [round(float(z), 3) for z in stepped([1.05, 12.1, 63.0], 2.0, previous=[1.0, 8.0, 128.0])]
         [1.0, 8.0, 128.0]
     """
     splits, value = float_arrays(splits=splits, step=step)
@@ -107,7 +112,18 @@ def stepped(splits: Numbers, step: float = 1.1) -> Float[Array, "... K+1"]:
     place = jnp.log(splits) / jnp.log(value)
     slack = 1e-6  # a split at a power of the step stays there
     whole = jnp.round(place).at[..., 0].set(jnp.floor(place[..., 0] + slack))
-    return value ** whole.at[..., -1].set(jnp.ceil(place[..., -1] - slack))
+    whole = whole.at[..., -1].set(jnp.ceil(place[..., -1] - slack))
+    if previous is not None:
+        (before,) = float_arrays(previous=previous)
+        if before.shape != splits.shape:
+            raise ValueError(f"previous: got shape {before.shape}, expected {splits.shape}")
+        before = checked("previous", before, lambda z: (z > 0) & (z < jnp.inf), "positive depths")
+        before = jnp.round(jnp.log(before) / jnp.log(value)).astype(place.dtype)
+        off = place - before
+        stays = (jnp.abs(off) < 1).at[..., 0].set((off[..., 0] > -slack) & (off[..., 0] < 2))
+        stays = stays.at[..., -1].set((off[..., -1] < slack) & (off[..., -1] > -2))
+        whole = jnp.where(stays, before, whole)
+    return value**whole
 
 
 def godot(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K+1"]:

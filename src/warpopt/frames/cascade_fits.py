@@ -38,11 +38,27 @@ class Cascaded:
         return tuple(None if part is None else part.eta for part in self.parts)
 
 
-def fit_cascades(fitting: Fitting, name: str, step: float | None = None) -> Cascaded:
+class Moved:
+    """Splits along a path: at powers of a step, where they stay while they can.
+
+    Args:
+        step: > 1.
+    """
+
+    def __init__(self, step: float):
+        self._step = step
+        self._before: np.ndarray | None = None
+
+    def __call__(self, splits: np.ndarray) -> np.ndarray:
+        self._before = np.asarray(cascades.splits.stepped(splits, self._step, self._before))
+        return self._before
+
+
+def fit_cascades(fitting: Fitting, name: str, moved: Moved | None = None) -> Cascaded:
     """The cascades of a name: together they have as many texels as the fitting's map.
 
     Args:
-        step: splits at powers of it, if given.
+        moved: puts splits at whole steps, if given.
 
     Raises:
         ValueError: an unknown name, a single map's, or an engine that has no default for this number.
@@ -54,7 +70,7 @@ def fit_cascades(fitting: Fitting, name: str, step: float | None = None) -> Casc
     objective = None if asked.warp == "sphere" else objective_of(asked.warp)
     view = _view(fitting, asked.warp, objective, size)
     goal = objective or Objective()
-    plan = cascades.errors(view, _splits(fitting, asked, step), goal, warp=objective is not None)
+    plan = cascades.errors(view, _splits(fitting, asked, moved), goal, warp=objective is not None)
     casters = fitting.scene.corners_all
     if asked.warp == "sphere":
         matrices, _ = plan.matrices(casters=casters, fit="sphere", texels=min(size))
@@ -99,11 +115,11 @@ def _view(fitting: Fitting, warp: str, objective: Objective | None, size: tuple[
     )  # fmt: skip
 
 
-def splits_by_scheme(frame: Frame, asked: Cascades, step: float | None = None) -> np.ndarray:
+def splits_by_scheme(frame: Frame, asked: Cascades, moved: Moved | None = None) -> np.ndarray:
     """Splits that need no objective: of the range that is seen, or by an engine of the camera's.
 
     Args:
-        step: splits at powers of it, if given.
+        moved: puts those of what is seen at whole steps, if given.
 
     Raises:
         ValueError: an engine that has no default for this number.
@@ -115,17 +131,17 @@ def splits_by_scheme(frame: Frame, asked: Cascades, step: float | None = None) -
         return np.asarray(scheme(camera.near, camera.far if np.isfinite(camera.far) else far, asked.count))
     if not near < far:
         return np.array([near, *[far] * asked.count])
-    made = cascades.splits.SCHEMES[asked.splits](near, far, asked.count)
-    return np.asarray(made if step is None else cascades.splits.stepped(made, step))
+    made = np.asarray(cascades.splits.SCHEMES[asked.splits](near, far, asked.count))
+    return made if moved is None else moved(made)
 
 
-def _splits(fitting: Fitting, asked: Cascades, step: float | None) -> np.ndarray:
+def _splits(fitting: Fitting, asked: Cascades, moved: Moved | None) -> np.ndarray:
     if asked.splits in (*SCHEMES, *ENGINES):
-        return splits_by_scheme(fitting.frame, asked, step)
+        return splits_by_scheme(fitting.frame, asked, moved)
     key = asked.count, asked.splits, asked.warp not in ("none", "sphere")
     if key not in fitting.best_splits:
         objective = objective_of(asked.splits)
         view = _view(fitting, asked.splits, objective, size_of_each(fitting.size, asked.count))
         fitting.best_splits[key] = np.asarray(cascades.plan(view, asked.count, objective, warp=key[-1]).splits)
     made = fitting.best_splits[key]
-    return made if step is None else np.asarray(cascades.splits.stepped(made, step))
+    return made if moved is None else moved(made)

@@ -13,7 +13,7 @@ from ..stable.update import Action, Update
 from ..stable.window import StableWindow
 from ..theory.camera import DirectionalLight, camera_of
 from ..views import SceneView
-from .cascade_fits import fit_cascades, maps_of, size_of_each, splits_by_scheme
+from .cascade_fits import Moved, fit_cascades, maps_of, size_of_each, splits_by_scheme
 from .cascaded_map import CascadedMap
 from .fits import Fitting
 from .light_rays import LitScene
@@ -76,10 +76,11 @@ def method_of(name: str, texels: int) -> Method:
     if name.startswith(WINDOW):
         return Windowed(warp, texels) if cascades is None else WindowedCascades(cascades, texels)
     if cascades is not None:
+        moved = Moved(STEP)
 
         def several(number: int, scene: LitScene, frame: Frame) -> CascadedMap:
             fitting = Fitting(scene, frame, size)
-            return maps_of(fitting, fit_cascades(fitting, warp, STEP))
+            return maps_of(fitting, fit_cascades(fitting, warp, moved))
 
         return several
     held: dict[str, Any] = {}
@@ -169,6 +170,7 @@ class WindowedCascades:
     def __init__(self, asked: Cascades, texels: int, **settings: Any):
         self._asked, self._settings = asked, {"margin": _MARGIN} | settings
         self._size = size_of_each((texels, texels), asked.count)
+        self._moved = Moved(STEP)
         self._window: StableWindow | None = None
         self.updates: list[Update] = []
 
@@ -182,7 +184,7 @@ class WindowedCascades:
             self._window = _window_of(self._asked.warp, self._size, frame, self._settings)
             self._states = [self._window.start()] * self._asked.count
         view = _seen_by(self._asked.warp, scene, frame, self._size)
-        splits = splits_by_scheme(frame, self._asked, STEP)
+        splits = splits_by_scheme(frame, self._asked, self._moved)
         self.updates, maps = [], []
         for k, (start, end) in enumerate(itertools.pairwise(splits.tolist())):
             _, part = view.receivers.between(view.camera, start, end)
