@@ -9,7 +9,7 @@ from ..objective import Objective
 from ..solve.solution import SceneSolution
 from ..views import SceneView
 from .cascaded_map import CascadedMap
-from .fits import Fitted, Fitting
+from .fits import Fitted, Fitting, of_aspect
 from .names import ENGINES, SCHEMES, Cascades, cascades_of, objective_of, turn_of
 from .seen import Frame
 
@@ -81,7 +81,7 @@ def fit_cascades(fitting: Fitting, name: str, moved: Moved | None = None) -> Cas
     shares, etas = np.asarray(plan.solutions.shares, float), np.asarray(plan.warps.eta, float)
     made = []
     for matrix, eta, share in zip(np.asarray(matrices, float), etas, shares, strict=True):
-        texels = _shaped(size, float(share[0])) if asked.warp.startswith("shaped-") else size
+        texels = of_aspect(size, float(share[0])) if asked.warp.startswith("shaped-") else size
         made.append(Fitted(name, float(eta), matrix, size=texels) if np.isfinite(matrix).all() else None)
     return Cascaded(name, tuple(map(float, plan.splits)), tuple(made))
 
@@ -98,19 +98,14 @@ def size_of_each(size: tuple[int, int], count: int) -> tuple[int, int]:
     return across, along
 
 
-def _shaped(size: tuple[int, int], share: float) -> tuple[int, int]:
-    across = max(1, round(size[0] * share))
-    return across, max(1, round(size[0] * size[1] / across))
-
-
 def _view(fitting: Fitting, warp: str, objective: Objective | None, size: tuple[int, int]) -> SceneView:
     """The frame's view for one warp and maps of a size."""
     prefix, kind = turn_of(warp)
     base = fitting.view(kind) if kind in ("edge", "band") else fitting.whole(objective)
-    shaped = prefix == "shaped-" and objective is not None and objective.kernel is not None
+    own = prefix == "shaped-" and objective is not None and objective.kernel is not None
     return SceneView(
         base.camera, base.light, base.receivers, screen=base.screen, shadow_map=size,
-        warp_direction="best" if prefix else "view", map_aspect="best" if shaped else 1.0,
+        warp_direction="best" if prefix else "view", map_aspect="best" if own else 1.0,
         turn_only_if=fitting.turn_only_if,
     )  # fmt: skip
 

@@ -141,8 +141,7 @@ class Fitting:
         )  # fmt: skip
         solution = optimal_warp(view, objective, throw=False)
         matrix = np.asarray(shadow_matrix(view, solution, casters=self.scene.corners_all), float)
-        across = round(self.size[0] * float(solution.shares[0]))
-        size = (across, round(self.size[0] * self.size[1] / across)) if shaped else None
+        size = of_aspect(self.size, float(solution.shares[0])) if shaped else None
         gain = float(solution.unturned / solution.value) if solution.value > 0 else 1.0
         return Fitted(name, float(solution.warp.eta), matrix, size=size, promised=gain)
 
@@ -192,6 +191,12 @@ class Fitting:
     def error(self, fitted: Fitted, reading: Reading):
         """The frame's `Verdict` under a fitted warp."""
         return measured(self.frame, self.map_of(fitted), reading, _FRESH_SEED)
+
+
+def of_aspect(size: tuple[int, int], share: float) -> tuple[int, int]:
+    """(across, along): `share` times as many texels across, and as many in all, up to rounding."""
+    across = max(1, round(size[0] * share))
+    return across, max(1, round(size[0] * size[1] / across))
 
 
 def edges_in_map(scene: LitScene, frame: Frame, unwarped: Fitted) -> EdgeWeights:
