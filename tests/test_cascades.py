@@ -11,7 +11,7 @@ import pytest
 import warpopt
 from warpopt import FrustumView, Objective, SceneView, ViewFrustum, cascades
 from warpopt.cascades import splits
-from warpopt.receivers import ConvexBody, DepthBuffer, PointReceivers
+from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, PointReceivers
 
 PHI = float(np.deg2rad(30))
 ANGLES = np.deg2rad([90.0, 60.0, 30.0])
@@ -241,6 +241,36 @@ def test_pixels_and_bodies_are_split_too():
     box = SceneView(CAMERA, LIGHT, ConvexBody.box((-20, -1, -90), (20, 5, -4)))
     body = cascades.plan(box, 2, Objective())
     assert float(body.lower) <= float(body.value) <= 1.02 * float(body.lower)
+
+
+@pytest.mark.parametrize("weights", [None, "depth", (1.0, 3.0, 0.5)])
+def test_histograms_are_split_for_means(weights):
+    """Each cascade counts as its bins do, cut ones by their share; the plan is as good as any split of a scan."""
+    bins = DepthHistogram([2.0, 6.0, 20.0, 80.0], [5.0, 2.0, 1.0], weights=weights)
+    view = SceneView(CAMERA, LIGHT, bins)
+    mean = Objective("q", "l2")
+    plan = cascades.plan(view, 2, mean)
+    scan = [cascades.errors(view, [2.0, z, 80.0], mean) for z in np.geomspace(2.5, 70, 12)]
+    assert float(plan.value) <= min(float(each.value) for each in scan) * (1 + 1e-4)
+    # The whole is the mean of the parts: of two maps without warps, with one map's axes, it is one map's norm.
+    inner = float(plan.splits[1])
+    per_unit = np.array([5.0, 2.0, 1.0]) / [4.0, 14.0, 60.0] * (weights if isinstance(weights, tuple) else 1)
+    power = 2 if weights == "depth" else 1
+
+    def mass(low, high):
+        a, b = np.clip([2.0, 6.0, 20.0], low, high), np.clip([6.0, 20.0, 80.0], low, high)
+        return (per_unit * (b**power - a**power)).sum()
+
+    shares = np.array([mass(2.0, inner), mass(inner, 80.0)]) / mass(2.0, 80.0)
+    np.testing.assert_allclose(float(plan.value) ** 2, (shares * np.asarray(plan.errors) ** 2).sum(), rtol=1e-9)
+
+
+def test_orthographic_cameras_have_equal_splits():
+    """Errors do not depend on the depth: lengths count, not ratios; also in what `count` says."""
+    camera = warpopt.Camera.orthographic((0, 20, 0), (0, -1, -1), (0, 1, 0), 1.0, 100.0, half_height=10.0)
+    view = SceneView(camera, LIGHT, PointReceivers([(0.0, 0.0, 0.0), (0.0, 0.0, -20.0), (3.0, 1.0, -9.0)]))
+    made = np.asarray(cascades.plan(view, 4).splits)
+    np.testing.assert_allclose(np.diff(made), np.diff(made).mean(), rtol=1e-12)
 
 
 @pytest.mark.parametrize("overlap", [0.0, 0.2])

@@ -11,7 +11,7 @@ from ..solve.scene import settled_scene
 from ..theory.camera import Camera, DirectionalLight
 from ..views import FrustumView, SceneView, refuse_other
 from .over_scene import depth_range, solved_between
-from .splits import MOST, even_in_the_logarithm, logarithmic
+from .splits import MOST, even_in_the_logarithm, logarithmic, uniform_at
 
 _TEXELS = Objective("storage")
 _TOGETHER = 8  # pieces in one call: all 16 and all 136 are whole numbers of these, so one program solves them
@@ -21,8 +21,9 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
     """(the number of maps that needs least, texels and price together, for 1 to 16 maps).
 
     Texels are those of maps of their own aspect with one texel a pixel everywhere (`Objective("storage")`), over
-    logarithmic splits, which are within 2.6 % of the fewest (theory2's Theorem 6: proved without a warp, measured with
-    one). Rules of thumb fail: the best ratio of a cascade is 1.4 to 3.5 by light and warp.
+    logarithmic splits (equal ones for an orthographic camera), which are within 2.6 % of the fewest (theory2's
+    Theorem 6: proved without a warp, measured with one). Rules of thumb fail: the best ratio of a cascade is 1.4 to 3.5
+    by light and warp.
 
     Args:
         view: one frustum under one light, or a scene; over a scene its `screen` and `shadow_map` are the units: a
@@ -57,7 +58,8 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
     else:
         of, first, times = np.repeat(numbers, numbers), np.concatenate([np.arange(n) for n in numbers]), 1
     shares = (jnp.asarray(k / of, near.dtype) for k in (first, first + 1))
-    starts, ends = (even_in_the_logarithm(near, far, share) for share in shares)
+    even = uniform_at if scene.camera.is_orthographic else even_in_the_logarithm
+    starts, ends = (even(near, far, share) for share in shares)
     needed = []
     for at in range(0, len(starts), _TOGETHER):
         _, solutions = solved_between(scene, starts[at : at + _TOGETHER], ends[at : at + _TOGETHER], _TEXELS)

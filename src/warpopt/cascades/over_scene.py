@@ -89,10 +89,8 @@ def _solved(views: SceneView, objective: Objective) -> SceneSolution:
 @functools.partial(jax.jit, static_argnames=("objective",))
 def _masses(view: SceneView, splits: Array, objective: Objective) -> Array:
     """Each cascade's part of all weights; a receiver at a split is the nearer cascade's."""
-    points, weights, _ = view.receivers.counted(view.camera, objective)
-    place = jnp.searchsorted(splits[1:-1], points[:, 2])
-    total = weights.sum()
-    return jax.ops.segment_sum(weights, place, len(splits) - 1) / jnp.where(total > 0, total, 1)
+    mass = view.receivers.mass_up_to(view.camera, objective)(splits.at[0].set(0).at[-1].set(jnp.inf))
+    return jnp.diff(mass) / jnp.where(mass[-1] > 0, mass[-1], 1)
 
 
 def splits_of_scene(
@@ -261,15 +259,8 @@ def _shares(view: SceneView, ends: Array, objective: Objective) -> Callable[[Arr
     """What the mean over receivers between two depths counts for in the sum over all."""
     if view.receivers.of_cells:  # its norms are already over the sum of all weights
         return lambda a, b: jnp.ones_like(a)
-    places, weights, _ = view.receivers.counted(view.camera, objective)
-    order = jnp.argsort(places[:, 2])
-    z, summed = places[order, 2], jnp.concatenate([jnp.zeros(1, ends.dtype), jnp.cumsum(weights[order])])
-
-    def share(a: Array, b: Array) -> Array:
-        before = jnp.where(a <= ends[0], 0, summed[jnp.searchsorted(z, a, side="right")])
-        return summed[jnp.searchsorted(z, b, side="right")] - before
-
-    return share
+    mass = view.receivers.mass_up_to(view.camera, objective)
+    return lambda a, b: mass(b) - jnp.where(a <= ends[0], 0, mass(a))
 
 
 @functools.partial(jax.jit, static_argnames=("objective", "warp"))

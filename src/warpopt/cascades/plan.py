@@ -18,7 +18,7 @@ from ..theory.warp import Warp
 from ..views import FrustumView, SceneView, refuse_other
 from .over_frustum import ends_of, errors_of_similar, errors_over_frusta, masses, splits_of_means, splits_of_shares
 from .over_scene import depth_range, errors_over_scene, splits_of_scene, weighted
-from .splits import MOST, logarithmic
+from .splits import MOST, logarithmic, uniform
 
 
 class Plan(eqx.Module):
@@ -111,7 +111,8 @@ def plan(
         count: cascades, 1 to 16; 1 is `optimal_warp`.
         objective: what the splits minimise. None: E_p in L-inf; but over a scene the logarithmic split of the
             receivers' range, rated by that, which rendered pixels favour over the best splits of E_p
-            (docs/cascades.md); and where the receivers have weights of their own, such as edges', "edge".
+            (docs/cascades.md), and equal lengths for an orthographic camera; where the receivers have weights of
+            their own, such as edges', "edge".
         overlap: each cascade but the first begins at (1 - overlap) of its split, in [0, 1).
         shares: (K,) of each cascade's linear resolution, > 0; equal if None.
         warp: whether cascades are warped.
@@ -147,7 +148,7 @@ def plan(
         if float(least) < float(largest):
             _refuse_thin(least, largest, band)
         if objective is None and not by_edges and float(least) < float(largest) < np.inf:
-            made = logarithmic(least, largest, count)
+            made = (uniform if view.camera.is_orthographic else logarithmic)(least, largest, count)
         else:
             made = splits_of_scene(view, (least, largest), count, goal, parts, band, warp)
     # Over a whole frustum equal maps are similar about the eye (theory2's Theorem 3, (a)): one solve serves all.

@@ -26,7 +26,11 @@ def uniform(near: Numbers, far: Numbers, count: int) -> Float[Array, "... K+1"]:
         >>> uniform(1.0, 9.0, 4).tolist()
         [1.0, 3.0, 5.0, 7.0, 9.0]
     """
-    near, far, share = _checked(near, far, count)
+    return uniform_at(*_checked(near, far, count))
+
+
+def uniform_at(near: Float[Array, "..."], far: Float[Array, "..."], share: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The depth at a share of the way from near to far, in length."""
     return near + (far - near) * share
 
 

@@ -1,5 +1,7 @@
 """A depth histogram as receivers, as kept by automatic exposure or cascade fitting."""
 
+from collections.abc import Callable
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -105,6 +107,23 @@ class DepthHistogram(Receivers):
         there = (self.counts > 0) & (self.edges[1:] > camera.near) & (self.edges[:-1] < camera.far)
         z = jnp.clip(jnp.stack([self.edges[:-1], self.edges[1:]]), camera.near, camera.far)
         return extent_of(z, jnp.broadcast_to(there, z.shape))
+
+    def mass_up_to(self, camera: Camera, objective: Objective) -> Callable[[Float[Array, "..."]], Float[Array, "..."]]:
+        """See `Receivers`: a bin's count is spread evenly over its depths."""
+        whole = self.edges.astype(camera.near.dtype)
+        density = self.counts.astype(whole.dtype) / jnp.diff(whole)
+        if self.weights.values is not None:
+            density = density * self.weights.values.astype(whole.dtype)
+        low, high = jnp.clip(jnp.stack([whole[:-1], whole[1:]]), camera.near, camera.far)
+        # Weights that are all 0 are eye depths instead, as in the footprint.
+        by_depth = ~(density * (high > low) > 0).any() | self.weights.by_depth
+        density = jnp.where(by_depth, self.counts.astype(whole.dtype) / jnp.diff(whole), density)
+
+        def mass(depth: Float[Array, "..."]) -> Float[Array, "..."]:
+            end = jnp.clip(depth[..., None], low, high)
+            return (density * (end - low) * jnp.where(by_depth, (end + low) / 2, 1)).sum(-1)
+
+        return mass
 
     def places(self, camera: Camera) -> tuple[Float[Array, "N 3"], Float[Array, " N"]]:
         """See `Receivers`: the corners of each bin's slab, which count as its receivers do."""

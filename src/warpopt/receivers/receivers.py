@@ -1,6 +1,7 @@
 """The interface of every kind of receivers, including your own."""
 
 import abc
+from collections.abc import Callable
 from typing import ClassVar, get_args
 
 import equinox as eqx
@@ -95,8 +96,21 @@ class Receivers(eqx.Module):
         """
         raise ValueError(
             f"receivers: got {type(self).__name__}, which cannot count its receivers one by one, as the mean "
-            f"{objective.name!r} in a stable window needs"
+            f"{objective.name!r} in a stable window or over cascades needs"
         )
+
+    def mass_up_to(self, camera: Camera, objective: Objective) -> Callable[[Float[Array, "..."]], Float[Array, "..."]]:
+        """The function from eye depths to the sum of the weights of what is not farther, for means over cascades.
+
+        Called under `jax.jit`.
+
+        Raises:
+            ValueError: as `counted`.
+        """
+        points, weights, _ = self.counted(camera, objective)
+        order = jnp.argsort(points[:, 2])
+        z, summed = points[order, 2], jnp.concatenate([jnp.zeros(1, weights.dtype), jnp.cumsum(weights[order])])
+        return lambda depth: summed[jnp.searchsorted(z, depth, side="right")]
 
     def sketch(self, camera: Camera, objective: Objective) -> "Receivers":
         """The same receivers, or fewer that stand for them, whose footprint is cheap enough for many directions.
