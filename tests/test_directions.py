@@ -21,6 +21,7 @@ from warpopt import (
     shadow_matrix,
 )
 from warpopt.receivers import ConvexBody, GroundPlane, PointReceivers, WholeFrustum
+from warpopt.receivers.profiles.nearness import over_points
 from warpopt.theory.ground import ground_optimum
 
 COUNT, SETS = 64, 60
@@ -319,6 +320,13 @@ def test_the_bound_over_a_frustum_is_the_bodies(theta):
     closed = float(lower_bound(FrustumView(ViewFrustum(1.0, ratio, phi), theta), STORAGE))
     for receivers in (WholeFrustum(), ConvexBody.box((-1e4,) * 3, (1e4,) * 3)):
         assert lower_bound(SceneView(camera, light, receivers), STORAGE) == pytest.approx(closed, rel=1e-9)
+
+
+def test_points_stand_for_each_place_once():
+    """A near point in a cell of its own, which is a quarter of a far one's: three quarters are left for that."""
+    near, far = (0.1, 0.1, 1.0), (0.3, 0.3, 2.0)
+    found = over_points(np.array([near, far]), np.array([0.0, 0.0, 1.0]), 0.5)
+    assert found == pytest.approx(0.5**2 * (1 / 1**2 + (4 - 1) / 2**2), rel=1e-12)
 
 
 def test_points_stand_for_the_surfaces_between_them():
