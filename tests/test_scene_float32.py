@@ -51,9 +51,10 @@ def test_single_precision_is_as_good_as_its_rounding(kind, metric, norm):
         found = optimal_warp(view, objective)
         assert found.warp.eta.dtype == np.float32
         np.testing.assert_allclose(found.value, exact.value, rtol=3 * 16 * EPS / min(float(exact.warp.eta), 0.05))
-        matrix = warpopt.shadow_matrix(view, found)
-        assert matrix.dtype == np.float32
-        assert jnp.isfinite(matrix).all()
+        if kind in ("points", "buffer"):  # a matrix knows of receivers what their footprint says
+            matrix = warpopt.shadow_matrix(view, found)
+            assert matrix.dtype == np.float32
+            assert np.isfinite(matrix).all()
 
 
 SMALL = np.where(np.arange(8)[:, None] < 3, 0, np.geomspace(500, 2, 8)[:, None] + np.arange(9)).astype(np.float32)
