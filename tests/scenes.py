@@ -58,7 +58,7 @@ def turned(seed: int) -> tuple[jnp.ndarray, jnp.ndarray]:
 
 
 def norms_of_points(points, weights, direction, etas, metric, order, tan_phi):
-    """Norms by raw geometry for a camera at the origin that looks along -z, one eta after another.
+    """Norms by raw geometry for a camera at the origin that looks along -z, all eta at once.
 
     World vectors; densities of a screen of slope tan_phi.
     """
@@ -68,15 +68,12 @@ def norms_of_points(points, weights, direction, etas, metric, order, tan_phi):
     z_axis /= np.linalg.norm(z_axis)
     x_axis = np.cross(light, z_axis)
     d, x, z = points @ z_axis, points @ x_axis, points @ view
-    mu = np.ptp(d)
+    mu, eta = np.ptp(d), np.array(etas)[:, None]
     x = x - np.clip(0, x.min(), x.max())
-    out = []
-    for eta in etas:
-        lam = mu * eta / (1 - eta)
-        z_w = lam + d - d.min()
-        s_slope = lam * (lam + mu) / (mu * z_w**2)  # ds/dd of s = (lam + mu)(z_w - lam)/(mu z_w)
-        t = x * (lam + mu) / z_w
-        e_p, e_q = 1 / (s_slope * z * tan_phi), np.ptp(t) * z_w / (lam + mu) / (z * tan_phi)
-        e = {"p": e_p, "q": e_q, "pxq": e_p * e_q, "max": np.maximum(e_p, e_q)}[metric]
-        out.append(e.max() if np.isinf(order) else np.average(e**order, weights=weights) ** (1 / order))
-    return np.array(out)
+    lam = mu * eta / (1 - eta)
+    z_w = lam + d - d.min()
+    s_slope = lam * (lam + mu) / (mu * z_w**2)  # ds/dd of s = (lam + mu)(z_w - lam)/(mu z_w)
+    t = x * (lam + mu) / z_w
+    e_p, e_q = 1 / (s_slope * z * tan_phi), np.ptp(t, 1)[:, None] * z_w / (lam + mu) / (z * tan_phi)
+    e = {"p": e_p, "q": e_q, "pxq": e_p * e_q, "max": np.maximum(e_p, e_q)}[metric]
+    return e.max(1) if np.isinf(order) else np.average(e**order, axis=1, weights=weights) ** (1 / order)

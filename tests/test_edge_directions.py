@@ -37,14 +37,14 @@ def solver():
 def test_the_optimum_over_edges_of_known_directions_is_brute_force_s():
     """300 sets. The grid's least value is above the optimum by its spacing; the value must be exact at eta."""
     points, weights, lights = sets()
-    found = solver()(points, weights, lights, normals())
-    for i, value in enumerate(np.asarray(found.value)):
+    found = jax.device_get(solver()(points, weights, lights, normals()))
+    for i, value in enumerate(found.value):
         args = points[i], weights[i], lights[i], BAND
         at_eta = brute(*args, float(found.warp.eta[i]), normals=normals()[i])[0]
         np.testing.assert_allclose(value, at_eta, rtol=1e-12)
         assert value <= brute(*args, ETAS, normals=normals()[i]).min() * (1 + 1e-9)
         assert 0 <= found.gap[i] <= 1e-6
-    assert not np.asarray(found.excess).any()
+    assert not found.excess.any()
 
 
 def test_a_curve_lies_below_the_mean():
@@ -54,9 +54,9 @@ def test_a_curve_lies_below_the_mean():
     """
     points, weights, lights = (v.copy() for v in sets())
     weights[100:] = np.arange(64) == np.arange(200)[:, None] % 24
-    eta = jnp.geomspace(1e-3, 1, 40)
-    touch = jax.jit(lambda *each: jax.vmap(norm_of(view_of(*each), BAND).touch)(eta))
-    step = np.asarray(eta - eta[:, None])
+    eta = np.geomspace(1e-3, 1, 40)
+    touch = jax.jit(lambda *each: jax.vmap(norm_of(view_of(*each), BAND).touch)(jnp.asarray(eta)))
+    step = eta - eta[:, None]
     needed = 0
     for i in range(300):
         value, slope, bend, pole = map(np.asarray, touch(points[i], weights[i], lights[i], normals()[i]))
@@ -132,6 +132,19 @@ def test_cells_of_a_buffer_are_its_pixels_within_the_bound(seed):
         below, most = bounds_at(norm, eta)
         between = brute(points, weights, light, BAND, eta, normals=across, rounded=rounded)[0]
         assert below * (1 - 1e-3) <= between <= most  # cells' sides are at most a thousandth too wide
+
+
+def test_frames_compile_nothing_anew():
+    """Of a mask, its edges and their directions: the first frame's programs are all that is needed."""
+    solve = warpopt.solve.scene.solve_scene
+    lights = np.random.default_rng(0).normal(size=(3, 3))
+    for i, light in enumerate(lights):
+        depth, edges, *_ = hills_of(i)
+        buffer = DepthBuffer(depth, weights=edges)
+        optimal_warp(SceneView(CAMERA, DirectionalLight(light), buffer, screen=SCREEN, shadow_map=MAP), BAND)
+        if not i:
+            before = solve._cache_size()
+    assert solve._cache_size() == before
 
 
 def test_directions_turn_the_optimum():

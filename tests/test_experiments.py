@@ -36,7 +36,7 @@ def main(script):
 
 
 def test_stability_meets_every_target_on_a_slice(tmp_path, main):
-    arguments = ["--draws", "100", "--references", "5", "--points", "12", "--objectives", "1", "--processes", "1"]
+    arguments = ["--draws", "100", "--references", "3", "--points", "5", "--objectives", "1", "--processes", "1"]
     main("stability", *arguments, "--directory", str(tmp_path))
     summary = json.loads((tmp_path / "stability.json").read_text())
     assert summary["defects"] == []
@@ -87,14 +87,13 @@ def test_scene_receivers_are_measured(tmp_path, main):
 
 
 def test_means_over_a_buffer_are_timed(tmp_path, main, script, monkeypatch):
-    few = script("runtime_of_means").OBJECTIVES[::2][:2]  # E_p in L2, and "edge"
+    few = script("runtime_of_means").OBJECTIVES[:1]  # E_p in L2: each takes seconds to compile
     monkeypatch.setattr(script("runtime_of_means"), "OBJECTIVES", few)
     main("runtime_of_means", "--height", "90", "--repetitions", "1", "--directory", str(tmp_path))
     with (tmp_path / "runtime_of_means.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert {row["weights"] for row in rows} == {"uniform", "edges"}
-    assert all(0 < float(row["excess"]) <= 1e-3 for row in rows if "norm l1" in row["objective"])
-    assert all(float(row["over_p_l2"]) == 1 for row in rows if row["objective"] == "E_p, norm l2")
+    assert all(float(row["over_p_l2"]) == 1 for row in rows)
 
 
 def test_sizes_of_tables_are_measured(tmp_path, main):
@@ -222,6 +221,9 @@ def test_pixels_are_measured_and_written_into_pages(tmp_path, main, script, monk
     pytest.importorskip("embreex")
     monkeypatch.setattr(script("pixels"), "OBJECTIVES", ("p-inf", "edge", "band"))  # each takes seconds to compile
     monkeypatch.setattr(script("pixels"), "ENGINE", ("none", "lispsm", "p-inf"))
+    few = dict(list(script("pixels").READINGS.items())[::6])  # without a bias, by depth, and filtered
+    monkeypatch.setattr(script("pixels"), "READINGS", few)
+    monkeypatch.setattr(script("pixels"), "SIZES", (512, 1024))
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- pixels -->\nold\n<!-- end pixels -->\nafter\n")
     arguments = ["--short", "--directory", str(tmp_path), "--page", str(page), "--readme", str(page)]
@@ -286,6 +288,7 @@ def test_directions_are_searched_exhaustively(tmp_path, main, script, monkeypatc
     pytest.importorskip("embreex")
     directions = script("directions")
     monkeypatch.setattr(directions, "OBJECTIVES", {"storage": directions.OBJECTIVES["storage"]})
+    monkeypatch.setattr(directions, "GIVEN", ("view",))
     page = tmp_path / "page.md"
     page.write_text("<!-- directions -->\n<!-- end directions -->\n")
     main("directions", "--short", "--directory", str(tmp_path), "--page", str(page))

@@ -25,7 +25,7 @@ RESOLUTIONS = {"screen": SCREEN, "shadow_map": MAP}
 BINS = 24
 # Each kernel, and an order above 1; every program takes seconds to compile.
 OBJECTIVES = [Objective("edge"), Objective("band"), Objective("max", "l2")]
-ETAS = np.geomspace(1e-4, 1, 1000)
+ETAS = np.geomspace(1e-4, 1, 300)  # steps of 3 %: no basin of a mean over 24 receivers is as narrow
 NAMES = [o.title for o in OBJECTIVES]
 
 
@@ -260,7 +260,7 @@ def test_bounds_between_nodes_hold_and_meet():
 
     grid = np.linspace(1e-3, 1, 20_001)
     values = np.asarray(touch(grid).value)
-    for tolerance in (1e-6, 1e-2, 0.9):
+    for tolerance in (0.9, 1e-2, 1e-6):
         found = least(touch, jnp.asarray(1e-3), tolerance=tolerance)
         starts = np.asarray(found.starts)[np.isfinite(found.bounds)]
         bounds = np.asarray(found.bounds)[: len(starts)]
@@ -268,8 +268,7 @@ def test_bounds_between_nodes_hold_and_meet():
         assert (bounds[which] <= values + 1e-12).all()
         assert found.value <= bounds.min() * (1 + tolerance) or tolerance == 0.9
         assert found.below < found.eta < found.above
-    exact = least(touch, jnp.asarray(1e-3))
-    np.testing.assert_allclose(exact.value, values.min(), rtol=1e-6)
+    np.testing.assert_allclose(found.value, values.min(), rtol=1e-6)
 
 
 @pytest.mark.parametrize("metric", ["max"])
@@ -309,8 +308,12 @@ def pixels_of(depth, weights):
     return points, np.asarray(weights, float)[seen]
 
 
+# The band over cells is test_edge_directions'.
+OVER_CELLS = [o for o in OBJECTIVES if o.name != "band"]
+
+
 @pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.parametrize("objective", OBJECTIVES, ids=NAMES)
+@pytest.mark.parametrize("objective", OVER_CELLS, ids=lambda o: o.title)
 def test_cells_of_a_buffer_are_its_pixels_within_the_bound(objective, seed):
     depth, lit = hills(seed)
     rng = np.random.default_rng(seed)
@@ -329,7 +332,7 @@ def test_cells_of_a_buffer_are_its_pixels_within_the_bound(objective, seed):
     assert solution.excess > 0
 
 
-@pytest.mark.parametrize("objective", OBJECTIVES, ids=NAMES)
+@pytest.mark.parametrize("objective", OVER_CELLS, ids=lambda o: o.title)
 def test_cells_of_ground_and_of_noise_lose_little(objective):
     """A thousandth at most in L1, where all pixels count; the true mean is within it."""
     up = (1 - (np.arange(HEIGHT) + 0.5) / HEIGHT * 2)[:, None] * np.tan(0.4)
@@ -374,9 +377,7 @@ def test_a_depth_is_in_its_bin():
     assert (delta <= edges[key + 1] * (1 + 1e-6) + 1e-9).all()
 
 
-@pytest.mark.parametrize(
-    "objective", [Objective("edge"), Objective("edge", "l2"), Objective("max", "l1")], ids=["l1", "l2", "max"]
-)
+@pytest.mark.parametrize("objective", [Objective("edge"), Objective("edge", "l2")], ids=["l1", "l2"])
 def test_a_centroid_is_its_cells_receivers_within_the_excess(objective):
     """Two places in opposite corners of a cell: with the nearer one farther out, their mean is below the centroid's."""
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=500.0, half_fov=1.55)
@@ -402,7 +403,7 @@ def test_a_centroid_is_its_cells_receivers_within_the_excess(objective):
         assert (np.asarray(many.samples.weight) > 0).sum() == 2
         eta, two, centroid, loss, most, excess = map(float, of_two_and_centroid(few, many, floor))
         assert 1e-3 < eta < 0.1
-        assert (two < centroid) == (spread > 0 and objective.name == "edge")
+        assert (two < centroid) == (spread > 0)
         assert abs(two / centroid - 1) > 2e-6
         assert centroid - loss <= two <= most * (1 + 1e-9)
         assert abs(np.log(two / centroid)) / objective.order <= np.log1p(excess) + 1e-6
@@ -425,9 +426,8 @@ def test_what_is_weighed_zero_must_still_fit():
     light = (0.2, -1, -0.3)
     weights = [1.0, 1.0, 0.0, 0.0]
     both, only = (view_of(np.concatenate([near, other]), weights, light) for other in (far, near))
-    for objective in (Objective("p", "l2"), Objective("q", "l2")):
-        solution, alone = optimal_warp(both, objective), optimal_warp(only, objective)
-        assert solution.warp.mu > 50 * alone.warp.mu
+    solution, alone = (optimal_warp(each, Objective("p", "l2")) for each in (both, only))
+    assert solution.warp.mu > 50 * alone.warp.mu
     # Norms inf are over all receivers, whatever their weight.
     plain = optimal_warp(view_of(np.concatenate([near, far]), None, light))
     np.testing.assert_array_equal(optimal_warp(both).value, plain.value)
@@ -435,8 +435,8 @@ def test_what_is_weighed_zero_must_still_fit():
 
 def test_weights_by_depth_are_the_depths():
     depth, lit = hills(4)
-    # Not each mask with each objective: weights are made before any objective is known.
-    for mask, objective in ((None, Objective("p", "l1")), (lit, Objective("band"))):
+    objective = Objective("p", "l1")  # weights are made before any objective is known: the one that compiles fastest
+    for mask in (None, lit):
         counted = (depth > 0) if mask is None else (depth > 0) & mask
         named, given = DepthBuffer(depth, weights="depth", lit=mask), DepthBuffer(depth, weights=depth * counted)
         views = [SceneView(CAMERA, DirectionalLight((0.3, -1, 0.2)), buffer) for buffer in (named, given)]
@@ -517,7 +517,7 @@ def test_a_histogram_is_the_points_it_stands_for():
     light, eta = (0.3, -1, -0.4), [0.01, 0.1, 1.0]
     view = SceneView(CAMERA, DirectionalLight(light), DepthHistogram(edges, counts, weights), **RESOLUTIONS)
     warp = warpopt.Warp.from_eta(eta, view.footprint())
-    for objective in (Objective("edge"), Objective("band"), Objective("p", "l2")):
+    for objective in (Objective("edge"), Objective("p", "l2")):
         exact = brute(np.concatenate(points), np.concatenate(mass), light, objective, eta)
         # the sample's, second order in 1/24
         np.testing.assert_allclose(warpopt.error_norm(view, warp, objective), exact, rtol=5e-4)
@@ -537,13 +537,17 @@ def test_gradients_are_those_of_differences():
         found = jnp.stack([solution.warp.eta, solution.value])
         return found, found
 
-    forwards = jax.jit(jax.jacfwd(solved, has_aux=True))
+    @jax.jit
+    def both_ways(v):
+        (forwards, found), (backwards, _) = (way(solved, has_aux=True)(v) for way in (jax.jacfwd, jax.jacrev))
+        return forwards, backwards, found
+
     at = np.array([0.05, 0.2])
-    jacobian, _ = forwards(at)
+    jacobian, backwards, _ = both_ways(at)
     for k, step in enumerate(np.eye(2) * 1e-5):
-        slope = (forwards(at + step)[1] - forwards(at - step)[1]) / 2e-5
+        slope = (both_ways(at + step)[2] - both_ways(at - step)[2]) / 2e-5
         np.testing.assert_allclose(jacobian[:, k], slope, rtol=2e-5, atol=2e-7)
-    np.testing.assert_allclose(jax.jit(jax.jacrev(solved, has_aux=True))(at)[0], jacobian, rtol=1e-9)
+    np.testing.assert_allclose(backwards, jacobian, rtol=1e-9)
 
 
 def test_gradients_reach_the_pixels():
@@ -557,20 +561,6 @@ def test_gradients_reach_the_pixels():
     solved = jax.jit(jax.value_and_grad(value))
     slope = (solved(1 + 1e-6)[0] - solved(1 - 1e-6)[0]) / 2e-6
     np.testing.assert_allclose(solved(1.0)[1], slope, rtol=1e-3, atol=1e-6)
-
-
-def test_frames_compile_nothing_anew():
-    solve = warpopt.solve.scene.solve_scene
-    lights = np.random.default_rng(0).normal(size=(3, 3))
-    for i, light in enumerate(lights):
-        depth, lit = hills(i)
-        buffer = DepthBuffer(depth, weights=warpopt.edge_weights(lit, DepthBuffer(depth), CAMERA))
-        optimal_warp(
-            SceneView(CAMERA, DirectionalLight(light), buffer, screen=SCREEN, shadow_map=MAP), Objective("edge")
-        )
-        if not i:
-            before = solve._cache_size()
-    assert solve._cache_size() == before
 
 
 def test_single_precision_agrees():
@@ -597,16 +587,14 @@ def test_pointwise_sizes_average_to_the_norm():
 
 
 def test_without_resolutions_pixels_are_square():
-    """A square map under square pixels: the same optimum as with resolutions of that aspect."""
+    """A square map under square pixels: for every eta the norm with resolutions of that aspect, in other units."""
     points, weights, light = (v[17] for v in sets())
-    with_them = optimal_warp(
-        view_of(points, weights, light, screen=(1600, 1000), shadow_map=(512, 512)), Objective("edge")
-    )
-    without = optimal_warp(
-        SceneView(CAMERA, DirectionalLight(light), PointReceivers(points, weights)), Objective("edge")
-    )
-    np.testing.assert_allclose(with_them.warp.eta, without.warp.eta, rtol=1e-7)
-    np.testing.assert_allclose(with_them.value, without.value * 1000 / 2 / 512, rtol=1e-12)
+    resolutions = {"screen": (1600, 1000), "shadow_map": (512, 512)}
+    with_them = norm_of(view_of(points, weights, light, **resolutions), Objective("edge"))
+    view = SceneView(CAMERA, DirectionalLight(light), PointReceivers(points, weights))
+    without = norm_of(view, Objective("edge"))
+    logs = np.log([1e-3, 0.02, 0.3, 1.0])
+    np.testing.assert_allclose(values(with_them, logs), values(without, logs) * 1000 / 2 / 512, rtol=1e-12)
 
 
 ONES, BOX, SUN = np.ones((2, 2)), ConvexBody.box((-1, 0, -9), (1, 2, -5)), DirectionalLight((0, -1, 0))

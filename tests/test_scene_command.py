@@ -19,6 +19,7 @@ from warpopt.app.scene.figures import seen_of
 from warpopt.app.scene.settings import SceneConfig
 from warpopt.app.scene.solve import solve_scene
 from warpopt.receivers import DepthBuffer
+from warpopt.theory.camera import camera_of
 
 EXAMPLE = Path(__file__).parents[1] / "configs/landscape.toml"
 
@@ -158,11 +159,16 @@ def test_depth_buffers_agree_in_every_encoding_and_file_format(folder):
     reverse = np.where(z > 0, n / (f - n) * (f / safe - 1), 0)
     np.save("reversed.npy", reverse)
     exr(folder / "reversed.exr", reverse)
-    etas = []
-    for name, encoding in (("linear", "linear"), ("standard", "standard"), ("reversed", "reversed")):
-        files = f"depth = {{ files = ['{name}.npy'], encoding = '{encoding}', size = [96, 54] }}"
-        etas.append(run(toml(files))["problems"][0]["eta"])
-    etas.append(run(toml("depth = { files = 'reversed.exr', encoding = 'reversed' }"))["problems"][0]["eta"])
+    cases = {f"{name}.npy": toml(f"depth = {{ files = ['{name}.npy'], encoding = '{name}', size = [96, 54] }}")
+             for name in ("linear", "standard", "reversed")}  # fmt: skip
+    cases["reversed.exr"] = toml("depth = { files = 'reversed.exr', encoding = 'reversed' }")
+    for text in cases.values():
+        Path("scene.toml").write_text(text)
+        scene = read_scene(read_config(Path("scene.toml"), [], SceneConfig), folder)
+        depth = DepthBuffer(scene.depths[0], scene.encoding).eye_depth(camera_of(scene.cameras[0]))
+        np.testing.assert_allclose(depth, np.where(z > 0, z, np.inf), rtol=1e-5)  # a file of single precision
+    # Each encoding is another program: the command itself for two of them.
+    etas = [run(cases[name])["problems"][0]["eta"] for name in ("linear.npy", "reversed.exr")]
     np.testing.assert_allclose(etas, etas[0], rtol=1e-5)
 
 

@@ -1,7 +1,6 @@
 """The matrix from world space to the warped shadow map, WI's product S_w = F W_p W_v R L_p L_v."""
 
 import dataclasses
-import functools
 from typing import Any
 
 import jax
@@ -137,10 +136,11 @@ def matrix_and_depth(
         raise ValueError(f"warp: got shape {warp.eta.shape}, expected one; use jax.vmap over more")
     flag("depth_clamp", depth_clamp)
     casters = casters_of(casters)
-    matrix, lost, depth = _matrix(view, warp, None if depth_clamp else casters, np.array(padding), clip_space)
+    convention = to_clip(clip_space, view.camera.position.dtype)
+    matrix, lost, depth = _matrix(view, warp, None if depth_clamp else casters, np.array(padding), convention)
     refuse_lost(lost)
     refuse_no_depth(depth.extent)
-    return matrix, depth
+    return matrix.T if clip_space.row_vectors else matrix, depth
 
 
 def refuse_no_depth(extent: Float[Array, ""]) -> None:
@@ -157,10 +157,11 @@ def refuse_no_depth(extent: Float[Array, ""]) -> None:
         )
 
 
-@functools.partial(jax.jit, static_argnames=("clip_space",))
+@jax.jit
 def _matrix(
-    view: SceneView, warp: Warp, casters: Casters | None, padding: Array, clip_space: ClipSpace
+    view: SceneView, warp: Warp, casters: Casters | None, padding: Array, convention: Array
 ) -> tuple[Array, Array, MapDepth]:
+    """For column vectors. The convention is an array, so that another one compiles nothing anew."""
     camera, frame = view.camera, view.frame()
     footprint = view.footprint_in(frame, Objective())
     own = warp.over(footprint)
@@ -192,10 +193,10 @@ def _matrix(
     pad_t, pad_s = padding.astype(mu.dtype)
     inner = jnp.diag(jnp.stack([1 - 2 * pad_t, jnp.ones_like(mu), 1 - 2 * pad_s, jnp.ones_like(mu)]))
     inner = inner.at[0, 3].set(pad_t).at[2, 3].set(pad_s)
-    matrix = jnp.asarray(to_clip(clip_space, mu.dtype)) @ inner @ f @ w_p @ upright @ w_v @ l_p @ l_v
+    matrix = convention @ inner @ f @ w_p @ upright @ w_v @ l_p @ l_v
     # With fewer digits than that, all receivers are at one depth.
     matrix = jnp.where(depth.extent < _LEAST_EXTENT * jnp.finfo(mu.dtype).eps, jnp.nan, matrix)
-    return matrix.T if clip_space.row_vectors else matrix, warp.lost_over(own), depth
+    return matrix, warp.lost_over(own), depth
 
 
 def checked_clip_space(clip_space: ClipSpace | None) -> ClipSpace:
