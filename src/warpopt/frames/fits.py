@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from .._words import one_of
 from ..compare.compare_rules import compare_rules
+from ..compare.comparison import Comparison
 from ..objective import Objective
 from ..receivers.bodies.convex_body import ConvexBody
 from ..receivers.depth_buffer import DepthBuffer
@@ -84,6 +85,7 @@ class Fitting:
         self.turn_only_if = turn_only_if
         self._camera = camera_of(frame.camera)
         self._views: dict[str, SceneView] = {}
+        self._every_rule: Comparison | None = None
         self.best_splits: dict[tuple[int, str, bool], np.ndarray] = {}
 
     def view(self, kind: str) -> SceneView:
@@ -119,9 +121,11 @@ class Fitting:
         if name == "none":
             return self._of(name, plain, Warp.from_eta(1.0, plain.footprint()))
         if objective is None:
-            found = compare_rules(plain, [name])
-            warp = Warp.from_eta(float(found.eta[0, 0]), plain.footprint())
-            return self._of(name, plain, warp, bool(found.defined[0, 0]))
+            if self._every_rule is None:  # together they are one program, whatever the names that are asked for
+                self._every_rule = compare_rules(plain)
+            k = self._every_rule.names.index(name)
+            warp = Warp.from_eta(float(self._every_rule.eta[k, 0]), plain.footprint())
+            return self._of(name, plain, warp, bool(self._every_rule.defined[k, 0]))
         prefix, rest = turn_of(name)
         if prefix:
             return self._turned(name, rest, objective, prefix == "shaped-")
