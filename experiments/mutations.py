@@ -313,7 +313,7 @@ def noticed(mutation: Mutation, cache: Path) -> tuple[bool, str]:
         files = [f"tests/test_{name}.py" for name in mutation.tests.split()]
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *files]
         command += ["-k", mutation.chosen] if mutation.chosen else []
-        environment = {**os.environ, "PYTHONPATH": str(source), "PYTHONDONTWRITEBYTECODE": "1"}
+        environment = {**os.environ, "PYTHONPATH": str(source), "PYTHONDONTWRITEBYTECODE": "1", "WARPOPT_LANE": "all"}
         # What the mutant does not touch is compiled once for all of them.
         environment |= {"JAX_COMPILATION_CACHE_DIR": str(cache), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.05"}
         done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)

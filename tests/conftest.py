@@ -5,7 +5,8 @@ others read, commands and experiments that tests start included.
 
 WARPOPT_LANE=default-xla takes XLA's own settings, which are a Python user's; =single leaves float64 off; =types checks
 every call's shapes and types against the signatures (the application's settings check themselves). Each runs the tests
-that are named in `LANES` alone.
+that are named in `LANES` alone. =thorough runs what is marked so, which takes seconds to compile and repeats, for
+another objective, kind or script, what a cheaper test claims; without a lane that is left out. =all runs both.
 """
 
 import atexit
@@ -33,6 +34,8 @@ LANE = os.environ.get("WARPOPT_LANE", "")
 # Their files of tests; without a lane, all but the one that is theirs.
 LANES = {
     "": (),
+    "thorough": (),
+    "all": (),
     "default-xla": ("test_lanes.py", "test_canaries.py"),
     "single": ("test_lanes.py",),
     "types": ("test_lanes.py", "test_aliasing.py", "test_closed_form.py", "test_compare_scene.py"),
@@ -108,16 +111,28 @@ def pytest_ignore_collect(collection_path):
     """A lane's own files alone; the others are not even read: some make float64 as they are."""
     if not collection_path.name.startswith("test_"):
         return None
-    ignored = collection_path.name not in LANES[LANE] if LANE else collection_path.name == "test_lanes.py"
+    own = LANES[LANE]
+    ignored = collection_path.name not in own if own else collection_path.name == "test_lanes.py"
     return ignored or None  # False would overrule other hooks
 
 
 def pytest_collection_modifyitems(config, items):
-    """Where types are checked, without what gives wrong ones on purpose."""
+    """Where types are checked, without what gives wrong ones on purpose; what is thorough in its own lane."""
     if LANE == "types":
-        wrong = [item for item in items if item.get_closest_marker("wrong_types")]
-        config.hook.pytest_deselected(items=wrong)
-        items[:] = [item for item in items if item not in wrong]
+        others = [item for item in items if item.get_closest_marker("wrong_types")]
+    elif LANE in ("", "thorough"):
+        others = [item for item in items if is_thorough(item) != (LANE == "thorough")]
+    else:
+        return
+    config.hook.pytest_deselected(items=others)
+    left_out = set(others)
+    items[:] = [item for item in items if item not in left_out]
+
+
+def is_thorough(item) -> bool:
+    """Whether a test is marked so, or this case of it is among those that its mark names."""
+    mark = item.get_closest_marker("thorough")
+    return mark is not None and (not mark.args or item.callspec.id in mark.args)
 
 
 @pytest.hookimpl(optionalhook=True)

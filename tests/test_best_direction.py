@@ -45,6 +45,7 @@ def searched(objective, turn_only_if=1.0):
 
 
 @pytest.mark.parametrize("objective", [STORAGE, EDGE], ids=lambda o: o.name)
+@pytest.mark.thorough("storage")
 def test_the_best_direction_is_exhaustive_search_s(objective):
     """Never above the least of 90 directions times 60 eta by more than 0.1 %; `unturned` is the view's optimum."""
     found, norms, _ = searched(objective)
@@ -192,6 +193,7 @@ def test_many_points_are_searched_as_cells():
     assert cells[2] >= exact[2] - 1e-9
 
 
+@pytest.mark.thorough
 def test_derivatives_are_the_chosen_direction_s():
     """Those of the same map with its direction given; at a kink in the direction, as maxima have, that is all."""
     _, world, lights, _ = sets()
@@ -367,6 +369,7 @@ def test_ground_refuses():
     assert np.isfinite(optimal_warp(SceneView(steep, LIGHT, GroundPlane((0, 1, 0), 0))).value)
 
 
+@pytest.mark.thorough
 def test_rules_are_compared_along_the_view():
     """Rules and "no warp" have the view's direction and an axis through the eye; the optimum is the turned one."""
     lights = jax.vmap(DirectionalLight)(np.array([[0.6, -0.5, -1.0], [0.0, -1.0, 0.0]]))

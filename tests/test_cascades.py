@@ -144,6 +144,7 @@ def sets_of_points(count: int, size: int):
 
 
 @pytest.mark.parametrize("name", ["p", "storage"])
+@pytest.mark.thorough("storage")
 def test_plans_over_receivers_are_those_of_exhaustive_search(name):
     """40 sets of eight points, every split between them, each interval solved as receivers of its own."""
     objective, size = Objective(name), 8

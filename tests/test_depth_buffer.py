@@ -102,6 +102,7 @@ def test_what_cells_lose_is_bounded_and_small(norm, kind):
         assert solution.excess < 1.5  # cells as wide as 40 % of the screen, E squared
 
 
+@pytest.mark.thorough
 def test_gradients_of_split_cells_and_deep_sky_are_finite():
     z = scene(SHAPES[1], "posts")
     n, f = 0.01, 1e6

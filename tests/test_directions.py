@@ -242,6 +242,7 @@ SUNS = [(elevation, azimuth) for elevation in (4, 12, 30, 55, 80) for azimuth in
 
 
 @pytest.mark.parametrize("objective", [STORAGE, Objective("pxq")], ids=lambda o: o.name)
+@pytest.mark.thorough("pxq")
 def test_level_ground_is_theorem_8(objective):
     """22 suns and pitches: the closed form along the gradient, which no searched direction betters."""
 

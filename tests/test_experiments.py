@@ -35,6 +35,7 @@ def main(script):
     return run
 
 
+@pytest.mark.thorough
 def test_stability_meets_every_target_on_a_slice(tmp_path, main):
     arguments = ["--draws", "100", "--references", "3", "--points", "5", "--objectives", "1", "--processes", "1"]
     main("stability", *arguments, "--directory", str(tmp_path))
@@ -49,6 +50,7 @@ def test_stability_meets_every_target_on_a_slice(tmp_path, main):
     assert (tmp_path / "heat_map.png").stat().st_size > 10_000
 
 
+@pytest.mark.thorough
 def test_runtime_vs_error_runs_and_orders_the_methods(tmp_path, main):
     main("runtime_vs_error", "--short", "--directory", str(tmp_path))
     with (tmp_path / "methods.csv").open() as file:
@@ -63,6 +65,7 @@ def test_runtime_vs_error_runs_and_orders_the_methods(tmp_path, main):
     assert (tmp_path / "runtime_vs_error.png").stat().st_size > 10_000
 
 
+@pytest.mark.thorough
 def test_what_is_not_asked_for_is_measured(tmp_path, main):
     """The script runs, and writes its table into a page without touching the rest."""
     page = tmp_path / "page.md"
@@ -77,6 +80,7 @@ def test_what_is_not_asked_for_is_measured(tmp_path, main):
     assert all(s["saving"] in text for s in savings)
 
 
+@pytest.mark.thorough
 def test_scene_receivers_are_measured(tmp_path, main):
     """It runs; the histogram's warp is never better than the buffer's own, and far better than none."""
     main("scene_receivers", "--short", "--directory", str(tmp_path))
@@ -86,6 +90,7 @@ def test_scene_receivers_are_measured(tmp_path, main):
         assert -1e-9 < row["histogram"] < row["no warp"]
 
 
+@pytest.mark.thorough
 def test_means_over_a_buffer_are_timed(tmp_path, main, script, monkeypatch):
     few = script("runtime_of_means").OBJECTIVES[:1]  # E_p in L2: each takes seconds to compile
     monkeypatch.setattr(script("runtime_of_means"), "OBJECTIVES", few)
@@ -96,6 +101,7 @@ def test_means_over_a_buffer_are_timed(tmp_path, main, script, monkeypatch):
     assert all(float(row["over_p_l2"]) == 1 for row in rows)
 
 
+@pytest.mark.thorough
 def test_sizes_of_tables_are_measured(tmp_path, main):
     page = tmp_path / "page.md"
     page.write_text("<!-- table sizes -->\n<!-- end table sizes -->\n")
@@ -108,6 +114,7 @@ def test_sizes_of_tables_are_measured(tmp_path, main):
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not on this machine: apt-get install gcc")
+@pytest.mark.thorough
 def test_look_ups_are_timed_beside_lispsm(tmp_path, main):
     """The program compiles and runs, and the page gets its table; how long it takes decides nothing here."""
     page = tmp_path / "page.md"
@@ -134,6 +141,7 @@ def test_the_experiments_reference_agrees_with_raw_geometry(script, metric, orde
         assert abs(problem.norm(eta) / exact - 1) < mp.mpf(10) ** -30
 
 
+@pytest.mark.thorough
 def test_objective_pictures_show_what_was_minimised(tmp_path, script):
     """Each warp is the best by its own error at worst; docs/objectives.md says what the maps show."""
     pictures = script("objective_pictures")
@@ -169,6 +177,7 @@ def test_gallery_pictures_keep_their_pixels(tmp_path, script):
         assert np.array_equal(np.asarray(Image.open(tmp_path / name).convert("RGB")), drawing), name
 
 
+@pytest.mark.thorough
 def test_scenes_with_flaws_are_read_right_or_refused(tmp_path, script):
     """60 of the experiment's 2,000; and its oracle sees what is wrong: another eta, another depth."""
     fuzz = script("fuzz_scenes")
@@ -216,6 +225,7 @@ def test_every_mutation_has_its_place(script):
         assert all((EXPERIMENTS.parent / f"tests/test_{name}.py").exists() for name in mutation.tests.split())
 
 
+@pytest.mark.thorough
 def test_pixels_are_measured_and_written_into_pages(tmp_path, main, script, monkeypatch):
     """A small frame of each real model: every table is there, and a second call resumes."""
     pytest.importorskip("embreex")
@@ -251,6 +261,7 @@ def test_pixels_are_measured_and_written_into_pages(tmp_path, main, script, monk
     assert "edge-weighted against no warp" in page.read_text()
 
 
+@pytest.mark.thorough
 def test_flicker_is_measured(tmp_path, main):
     """A snapped sphere does not flicker while walking, nor does a window that keeps; a fit each frame does."""
     pytest.importorskip("embreex")
@@ -268,6 +279,7 @@ def test_flicker_is_measured(tmp_path, main):
     assert told["window-2-logarithmic-none"]["between"] < 0.2 * told["none"]["flipped"]
 
 
+@pytest.mark.thorough
 def test_a_window_that_keeps_costs_a_pass(tmp_path, main, capsys):
     main("window_cost", "--short", "--directory", str(tmp_path))
     told = json.loads((tmp_path / "window_cost.json").read_text())
@@ -276,6 +288,7 @@ def test_a_window_that_keeps_costs_a_pass(tmp_path, main, capsys):
     assert "an update that keeps" in capsys.readouterr().out
 
 
+@pytest.mark.thorough
 def test_figure_3_is_drawn(tmp_path, main, capsys):
     pytest.importorskip("embreex")
     main("figure3", "--short", "--image", str(tmp_path / "figure3.png"))
@@ -283,6 +296,7 @@ def test_figure_3_is_drawn(tmp_path, main, capsys):
     assert len(re.findall(r"% wrong", capsys.readouterr().out)) == 12
 
 
+@pytest.mark.thorough
 def test_directions_are_searched_exhaustively(tmp_path, main, script, monkeypatch):
     """Two frames and 60 directions: the search is within 0.5 % of their least."""
     pytest.importorskip("embreex")
@@ -300,6 +314,7 @@ def test_directions_are_searched_exhaustively(tmp_path, main, script, monkeypatc
     assert "| storage | 2 of 2 |" in page.read_text()
 
 
+@pytest.mark.thorough
 def test_turned_warps_are_measured_in_pixels(tmp_path, main, script, monkeypatch):
     """One small frame: a turned and shaped warp beside the others, and a second call that measures nothing again."""
     pytest.importorskip("embreex")
@@ -314,6 +329,7 @@ def test_turned_warps_are_measured_in_pixels(tmp_path, main, script, monkeypatch
     assert "edge-weighted, turned, best aspect" in (tmp_path / "tables.md").read_text()
 
 
+@pytest.mark.thorough
 def test_cascades_are_measured_in_pixels(tmp_path, main, script, monkeypatch):
     """One small frame: some cascades beside single maps, and a second call that measures nothing again."""
     pytest.importorskip("embreex")
@@ -337,6 +353,7 @@ def test_cascades_are_measured_in_pixels(tmp_path, main, script, monkeypatch):
     assert "| 2 | Godot's |" in page.read_text()
 
 
+@pytest.mark.thorough
 def test_the_script_for_a_gpu_runs_on_a_cpu(tmp_path, main):
     """Its table; and that an animation on the device compiles once and sends nothing to or from the host."""
     page = tmp_path / "page.md"

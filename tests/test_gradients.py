@@ -213,6 +213,7 @@ def check_envelope(metric, norm):
 
 
 @pytest.mark.parametrize(("metric", "norm"), OBJECTIVES)
+@pytest.mark.thorough("p-1.7", "q-l2", "q-inf")
 def test_derivatives(metric, norm):
     """All checks of one objective in one test: its derivatives, the costly part, are compiled once."""
     check_forward_equals_reverse_and_all_are_finite(metric, norm)

@@ -333,6 +333,7 @@ def test_cells_of_a_buffer_are_its_pixels_within_the_bound(objective, seed):
 
 
 @pytest.mark.parametrize("objective", OVER_CELLS, ids=lambda o: o.title)
+@pytest.mark.thorough
 def test_cells_of_ground_and_of_noise_lose_little(objective):
     """A thousandth at most in L1, where all pixels count; the true mean is within it."""
     up = (1 - (np.arange(HEIGHT) + 0.5) / HEIGHT * 2)[:, None] * np.tan(0.4)
@@ -433,6 +434,7 @@ def test_what_is_weighed_zero_must_still_fit():
     np.testing.assert_array_equal(optimal_warp(both).value, plain.value)
 
 
+@pytest.mark.thorough
 def test_weights_by_depth_are_the_depths():
     depth, lit = hills(4)
     objective = Objective("p", "l1")  # weights are made before any objective is known: the one that compiles fastest
@@ -524,6 +526,7 @@ def test_a_histogram_is_the_points_it_stands_for():
     assert optimal_warp(view, Objective("edge")).excess <= 1e-3
 
 
+@pytest.mark.thorough
 def test_gradients_are_those_of_differences():
     """In the camera's height and a weight: through the optimum, implicitly."""
     objective = Objective("edge")

@@ -149,6 +149,7 @@ def test_what_only_looks_like_receivers_is_none():
         Receivers()
 
 
+@pytest.mark.thorough
 def test_a_reduced_view_has_the_views_numbers_and_costs_one_pass():
     """Killed: `reduced` that hands the receivers on, moments of another objective, an extent that is lost.
 

@@ -41,6 +41,7 @@ def depths() -> jax.Array:
 
 # Moments with grouped sides, and cells; every program takes seconds.
 @pytest.mark.parametrize("objective", [Objective("pxq", "l2"), Objective("edge")], ids=lambda o: o.title)
+@pytest.mark.thorough("edge, norm l1")
 def test_buffers_have_the_same_warps(objective, wide, monkeypatch):
     monkeypatch.setattr(cells, "EXACT", 64)
 
@@ -112,6 +113,7 @@ def test_extremes_of_groups(wide, dtype):
     assert one_of(jnp.asarray(1), [lambda: jnp.zeros(2), lambda: jnp.ones(2)]).sum() == 2
 
 
+@pytest.mark.thorough
 def test_bounds_between_nodes_hold_at_once(wide):
     """For waves, whose parabolas are as steep as they must be: what is not proved is said."""
 

@@ -143,6 +143,7 @@ def test_free_texels_lie_where_they_are_asked_for(ahead, right, left):
     assert moved(132, last=1 + 90 / 512)[1] is False
 
 
+@pytest.mark.thorough
 def test_margins_cost_what_they_are():
     """A window's errors are (1 + margin) times a tight map's along both axes, by differences through the matrices."""
     camera = camera_at()
@@ -163,6 +164,7 @@ def test_margins_cost_what_they_are():
 
 
 @pytest.mark.parametrize("name", ["p", "storage", "edge", "band"])
+@pytest.mark.thorough("band")
 def test_the_loss_is_the_objective_of_the_map_as_it_lies(name):
     """Texels' edges by differences through the matrix alone, on the very receivers, against a fresh window's."""
     objective = warpopt.Objective(name, "l2" if name == "p" else None)
@@ -274,6 +276,7 @@ def test_single_precision_holds_far_from_the_origin():
     np.testing.assert_allclose(last[:, :2] + total, first[:, :2], atol=0.05)
 
 
+@pytest.mark.thorough
 def test_thousands_of_scrolls_in_single_precision():
     """To and fro without a warp: what is added up is the way, to a hundredth of a texel."""
     camera, body = camera_at(dtype=np.float32), single_box(0, 2e4)

@@ -188,6 +188,7 @@ def test_bad_settings_are_refused_in_a_sentence(folder, capsys, more, words):
     assert "Traceback" not in told
 
 
+@pytest.mark.thorough
 def test_frames_go_along_the_cameras_of_a_table(folder):
     """A sphere and a window, with a figure and what refits flip. A window that warps: the experiment's slice."""
     rows = "".join(f"{k},{0.02 * k},1.7,{-20 - 0.05 * k},0.1,-0.1,1\n" for k in range(3))

@@ -50,6 +50,7 @@ def test_a_steep_kink_is_met_on_the_far_side_too():
 
 
 @pytest.mark.parametrize(("metric", "norm", "knots"), [("q", "inf", 10), ("p", "l2", 5)])
+@pytest.mark.thorough("p-l2-5")
 def test_other_objectives_keep_their_promise_too(metric, norm, knots):
     """E_q, whose optimum jumps beyond the half field of view, and an L_P norm."""
     objective = Objective(metric, norm)
@@ -64,6 +65,7 @@ def test_other_objectives_keep_their_promise_too(metric, norm, knots):
     assert table.theta.shape[-1] <= knots
 
 
+@pytest.mark.thorough
 def test_a_table_over_far_near_has_few_rows():
     """From 20 to 200 at 0.1 %: a slice of what `experiments/table_sizes.py` builds, judged at points of its own."""
     table = build_table(FRUSTUM, depth_ratio_range=(20.0, 200.0))
@@ -238,6 +240,7 @@ def test_linear_programs_fit_as_least_squares_cannot():
     assert heights[1] / heights[0] - 1 <= 1 + 1e-9
 
 
+@pytest.mark.thorough
 def test_a_bound_on_the_slope_holds_between_rows_too():
     """Over far/near from 20 to 40, where 5 per radian cost some regret: at most a quarter more than they must."""
     table = build_table(FRUSTUM, depth_ratio_range=(20.0, 40.0), max_slope=5.0)
