@@ -195,12 +195,16 @@ class Camera(eqx.Module):
         """World points (..., 3) in eye coordinates."""
         return (points_of(self.position.dtype, "points", points) - self.position) @ self.rotation.T
 
+    def screen_depth(self, z: Float[Array, "..."]) -> Float[Array, "..."]:
+        """What sizes on the screen are inversely proportional to: the eye depth z, or 1 where rays are parallel."""
+        return jnp.ones_like(z) if self.is_orthographic else z
+
     def corners(self) -> Float[Array, "8 3"]:
         """Eye coordinates of the frustum's corners, those of the near plane first."""
         left, right, bottom, top = self.window
         ends = []
         for z in (self.near, self.far):
-            size = jnp.ones_like(z) if self.is_orthographic else z
+            size = self.screen_depth(z)
             ends += [jnp.stack([x * size, y * size, z]) for x in (left, right) for y in (bottom, top)]
         return jnp.stack(ends)
 
