@@ -165,8 +165,8 @@ class Camera(eqx.Module):
         """A camera with parallel rays: a box from near to far, 2 half_height high.
 
         The screen sees all depths alike, so that z is a constant in the errors: for every maximum no warp is best, and
-        for a mean the receivers' distribution along the warp decides ((T65) of docs/theory.md). docs/support.md says
-        what works with it.
+        for a mean the receivers' distribution along the warp decides ((T65) of docs/theory.md). Rules need an eye and
+        are undefined. docs/support.md says what works with it.
 
         Args:
             half_height: half the height of the window, a length > 0.
@@ -234,7 +234,7 @@ class DirectionalLight(eqx.Module):
 
     Args:
         direction: (3,) world direction in which the light travels, of any nonzero length; it may be parallel to the
-            view direction.
+            view direction. Next to it, `SceneView`'s direction "steady" keeps a map from turning with the light.
 
     Raises:
         ValueError: for the zero vector, NaN or infinity.
