@@ -92,7 +92,10 @@ class ConvexBody(Receivers):
         footprint = footprint.lost_where(endless | _beyond_reach(vertices, valid))
         if objective.supremum:
             return footprint
-        return footprint.with_moments(*moments_of_body(planes, vertices, valid, frame, footprint, objective))
+        made = footprint.with_moments(*moments_of_body(planes, vertices, valid, frame, footprint, objective))
+        # Beyond, the nodes are too few: no number, as for the whole frustum.
+        near, far = extent_of(frame.eye_depth(vertices), valid)
+        return made.lost_where(valid.any() & (jnp.log(far / near) > LARGEST_LOG_RATIO))
 
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """See `Receivers`."""
@@ -182,8 +185,6 @@ def moments_of_body(planes, vertices, valid, frame, footprint: Footprint, object
     log_z, weight_z = (along[where][:, None] + gaps[:, None] * t).ravel(), (gaps[:, None] * w).ravel()
     if flat_view:
         log_z, weight_z = jnp.log(log_z), weight_z / log_z
-    else:  # beyond, the nodes are too few: no number, as for the whole frustum
-        weight_z = jnp.where(logs[-1] < LARGEST_LOG_RATIO, weight_z, jnp.nan)
     delta, rest, area = jax.vmap(
         functools.partial(_slice, thick, frame, footprint, first, round(objective.blend_degree))
     )(log_z)
