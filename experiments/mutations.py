@@ -278,6 +278,8 @@ MUTATIONS = (
              "rectangles"),
     Mutation("receivers/sketch.py", "points[:, :2] / size[:, None]", "points[:, :2] / z[:, None]", "orthographic",
              "rectangles"),
+    Mutation("receivers/sketch.py", "size = camera.screen_depth(z)\n                share", "size = z\n                share",
+             "orthographic", "keep_the_sums"),
     Mutation("receivers/profiles/hulls.py", "np.ones(len(vertices)) if frame.is_orthographic else vertices[:, 2]",
              "vertices[:, 2]", "orthographic", "better_than_none"),
     Mutation("receivers/profiles/slices.py", "(0.0, 0.0) if frame.is_orthographic else (order + exponent, exponent)",

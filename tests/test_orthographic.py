@@ -99,19 +99,40 @@ def test_rules_have_no_eye_to_begin_from():
     assert warpopt.compare_rules(perspective, ["ssm"]).undefined_because is None
 
 
-@pytest.mark.parametrize("count", [200, 3000])
-def test_the_best_direction_is_the_least_rectangles(count):
-    """storage: no warp, and of the receivers' rectangles on the light plane the least; many points as cells."""
-    view = SceneView(CAMERA, LIGHT, PointReceivers(seen_points(count)), warp_direction="best")
+@pytest.mark.parametrize("kind", ["points", "cells of points", "cells of pixels"])
+def test_the_best_direction_is_the_least_rectangles(kind):
+    """storage: no warp, and of the receivers' rectangles on the light plane the least; many receivers as cells."""
+    seen, receivers = seen_points(200 if kind == "points" else 3000), None
+    if kind == "cells of pixels":
+        across, up = (np.arange(90) + 0.5) / 90 * 60 - 30, 20 - (np.arange(60) + 0.5) / 60 * 40
+        z = 60 + 25 * np.sin(across / 9) + 10 * np.cos(up / 5)[:, None]
+        eye = np.stack(np.broadcast_arrays(across, up[:, None], z), -1).reshape(-1, 3)
+        seen, receivers = eye @ np.asarray(CAMERA.rotation) + np.asarray(CAMERA.position), DepthBuffer(z)
+    view = SceneView(CAMERA, LIGHT, receivers or PointReceivers(seen), warp_direction="best")
     found = optimal_warp(view, Objective("storage"))
-    d, x = on_light_plane(seen_points(count), SceneView(CAMERA, LIGHT))
+    d, x = on_light_plane(seen, SceneView(CAMERA, LIGHT))
     angles = np.linspace(0, np.pi / 2, 2000)[:, None]
-    areas = np.ptp(np.cos(angles) * d + np.sin(angles) * x, axis=1) * np.ptp(
-        np.cos(angles) * x - np.sin(angles) * d, axis=1
+    one, other = (
+        np.ptp(v, axis=1) for v in (np.cos(angles) * d + np.sin(angles) * x, np.cos(angles) * x - np.sin(angles) * d)
     )
-    assert float(found.value) == pytest.approx(areas.min() / 400, rel=0.005 if count == 200 else 0.03)
+    assert float(found.value) == pytest.approx((one * other).min() / 400, rel=0.005 if kind == "points" else 0.03)
     assert float(found.unturned) >= float(found.value)
     assert Outcome(int(found.result)) == Outcome.no_warp
+
+
+def test_cells_keep_the_sums_of_their_receivers():
+    """Weights, and weighted places, of all pixels and of the same as points: z counts in no weight."""
+    rng = np.random.default_rng(6)
+    z, weights = rng.uniform(5, 110, (94, 75)), rng.uniform(0, 1, (94, 75))
+    across, up = (np.arange(75) + 0.5) / 75 * 60 - 30, 20 - (np.arange(94) + 0.5) / 94 * 40
+    eye = np.stack(np.broadcast_arrays(across, up[:, None], z), -1)
+    world = eye.reshape(-1, 3) @ np.asarray(CAMERA.rotation) + np.asarray(CAMERA.position)
+    share = weights / weights.sum()
+    exact = [1, *(share[..., None] * eye).sum((0, 1))]
+    for receivers in (DepthBuffer(z, weights=weights), PointReceivers(world, weights=weights.ravel())):
+        cells = jax.jit(lambda receivers: receivers.sketch(CAMERA, Objective("edge")))(receivers)
+        np.testing.assert_allclose([float(part.sum()) for part in cells.sums], exact, rtol=1e-9, atol=1e-9)
+        assert (float(cells.unit), cells.parallel) == (1, True)
 
 
 def test_a_stable_window_scrolls():
