@@ -278,7 +278,7 @@ MUTATIONS = (
              "rectangles"),
     Mutation("receivers/sketch.py", "points[:, :2] / size[:, None]", "points[:, :2] / z[:, None]", "orthographic",
              "rectangles"),
-    Mutation("receivers/sketch.py", "size = camera.screen_depth(z)\n                share", "size = z\n                share",
+    Mutation("receivers/sketch.py", "share * power(unit / size, exponent)", "share * power(unit / z, exponent)",
              "orthographic", "keep_the_sums"),
     Mutation("receivers/profiles/hulls.py", "np.ones(len(vertices)) if frame.is_orthographic else vertices[:, 2]",
              "vertices[:, 2]", "orthographic", "better_than_none"),
