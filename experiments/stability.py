@@ -237,7 +237,7 @@ def point_errors(d: dict[str, np.ndarray], count: int, seed: int) -> dict[str, f
 
 def run_dtype(dtype, arguments, mapped: Callable[..., list]) -> tuple[dict, list[dict], list[tuple]]:
     """All objectives in one dtype: (figures by objective, worst cases, points of the heat map)."""
-    chosen = [o for o in OBJECTIVES if o.supremum or not arguments.suprema]
+    chosen = [o for o in OBJECTIVES if o.order in arguments.orders]
     objectives = chosen[:: -(-len(chosen) // arguments.objectives)]
     per = -(-arguments.draws // len(objectives))
     stratified = hardest = -(-arguments.references // len(objectives))
@@ -357,9 +357,9 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--references", type=int, default=3_000, help="stratified draws, and as many of the worst")
     parser.add_argument("--points", type=int, default=3_000)
     parser.add_argument("--objectives", type=int, default=len(OBJECTIVES), help="evenly chosen, for a short run")
-    parser.add_argument(
-        "--suprema", action="store_true", help="L-inf alone, where f/n is drawn up to the dtype's range"
-    )
+    orders = sorted({o.order for o in OBJECTIVES})
+    told = "of the norms; inf alone is where f/n is drawn up to the dtype's range"
+    parser.add_argument("--orders", type=float, nargs="+", choices=orders, default=orders, help=told)
     parser.add_argument("--processes", type=int, default=os.cpu_count(), help="for the references")
     parser.add_argument("--page", type=Path, help="a page with a place for `stability`")
     parser.add_argument("--dtypes", nargs="+", default=["float64", "float32"])

@@ -54,6 +54,11 @@ def _solve(camera: Any, seen: Any, objective: Any, **how: Any) -> None:
     jax.eval_shape(verbs)
 
 
+def _window(camera: Any, seen: Any, objective: Any) -> None:
+    window = warpopt.StableWindow(objective=objective, warp_direction="view")
+    jax.eval_shape(lambda state: window.update(state, camera, _LIGHT, seen), window.start())
+
+
 VERBS: dict[str, Callable[[Any, Any, Any], Any]] = {
     "`optimal_warp`, `error_norm`, `shadow_matrix`": _solve,
     '`warp_direction="best"`': lambda c, r, o: _solve(c, r, o, warp_direction="best"),
@@ -61,6 +66,7 @@ VERBS: dict[str, Callable[[Any, Any, Any], Any]] = {
     '`lateral="free"`': lambda c, r, o: _solve(c, r, o, lateral="free"),
     "`lower_bound`": lambda c, r, o: warpopt.lower_bound(warpopt.SceneView(c, _LIGHT, r), o),
     "`compare_rules`": lambda c, r, o: warpopt.compare_rules(warpopt.SceneView(c, _LIGHTS, r), ["lispsm"], o),
+    "`StableWindow.update`": _window,
 }
 
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from warpopt.scene_files.scene_camera import SceneCamera, centred_window, orientation
 
+AHEAD = np.array([0.0, 0.0, 1.0])
 FLOOR = np.array([[[-20, 0, -20], [-20, 0, 20], [20, 0, 20]], [[-20, 0, -20], [20, 0, 20], [20, 0, -20]]], float)
 
 
@@ -46,8 +47,10 @@ def brute_truth(triangles, camera, light, height, width):
     depth, lit = np.full((height, width), np.inf), np.zeros((height, width), bool)
     for i in range(height):
         for j in range(width):
-            ray = np.array([across[j], up[i], 1.0]) @ camera.rotation
-            depth[i, j] = nearest(camera.position, ray)
+            place = np.array([across[j], up[i], 0.0])
+            begin, ray = (place, AHEAD) if camera.is_orthographic else (0 * place, place + AHEAD)
+            begin, ray = camera.position + begin @ camera.rotation, ray @ camera.rotation
+            depth[i, j] = nearest(begin, ray)
             if np.isfinite(depth[i, j]):
-                lit[i, j] = not np.isfinite(nearest(camera.position + depth[i, j] * ray, -light))
+                lit[i, j] = not np.isfinite(nearest(begin + depth[i, j] * ray, -light))
     return depth, lit

@@ -150,10 +150,10 @@ class SceneView(eqx.Module):
                     f"camera: got an orthographic one with {type(receivers).__name__}, expected a perspective one, or "
                     "the whole frustum, a convex body, a plane, points or a depth buffer"
                 )
-            if isinstance(warp_direction, str) and warp_direction not in ("view", "steady"):
+            if isinstance(warp_direction, str) and warp_direction in ("gradient", "middle"):
                 raise ValueError(
                     f"warp_direction: got {warp_direction!r} with an orthographic camera, whose errors do not depend "
-                    "on the eye depth, expected 'view' or a vector"
+                    "on the eye depth, expected 'view', 'best', 'steady' or a vector"
                 )
         dtype = jnp.result_type(*jax.tree.leaves(eqx.filter((camera, light, receivers), eqx.is_inexact_array)))
         one_of("lateral", lateral, LATERAL)

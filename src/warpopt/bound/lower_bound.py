@@ -12,7 +12,6 @@ from ..receivers.answers import profile_of
 from ..receivers.bins import BINS
 from ..receivers.profiles.profile import DepthProfile
 from ..solve.chunks import in_blocks
-from ..theory.camera import refuse_orthographic
 from ..theory.light_frame import LightFrame
 from ..theory.light_space import LightSpace
 from ..views import FrustumView, SceneView, one_light, refuse_other
@@ -46,7 +45,9 @@ def lower_bound(
     at a point: the bins stand for the surfaces between them. A warp, whose slope and width vary within a bin, can be up
     to 8 % below this (E_q: 4 %). 0 for no receivers, or a single depth. "storage" is exact over frusta, bodies and
     planes; over points and depth buffers it sums square cells 8 / bins of their depth wide, which count with their
-    nearest receiver.
+    nearest receiver. An orthographic camera's screen sees all depths alike: "storage" is then the area that the
+    receivers cover on the light plane (of points, in cells 8 / bins of the window's height wide), and E_p's bound in
+    L-inf over a body is its error without a warp.
 
     Args:
         view: a `FrustumView` of any shape, or a `SceneView`.
@@ -75,7 +76,6 @@ def lower_bound(
             return in_blocks(storage_of_frusta, (view.frustum, view.theta))
         objective.metric  # noqa: B018, raises: one term
         return in_blocks(bound_frusta, (view.frustum, view.theta), objective)
-    refuse_orthographic(view.camera, "no lower bound is known")
     if objective.storage:
         refuse_traced("lower bound over a scene", view)
         one_light(view, "call it for each").receivers.check(view.camera, view.light, objective)
@@ -127,7 +127,6 @@ def lower_bound_map(
     if isinstance(view, FrustumView):
         refuse_traced("lower_bound_map", view)
         return _over_frustum(view, objective, knots or _KNOTS_OF_FRUSTUM)
-    refuse_orthographic(view.camera, "no lower bound is known")
     frame, profile = _profile(view, objective, bins)
     stretches = profile.stretches(objective.order, knots or _KNOTS_OF_BODY)
     if not stretches.value > 0:

@@ -3,7 +3,6 @@
 from .._checks import refuse_traced
 from ..objective import Objective, objective_or_default
 from ..solve.optimal_warp import checked_min_eta
-from ..theory.camera import refuse_orthographic
 from ..views import FrustumView, SceneView, refuse_other
 from .comparison import Comparison
 from .over_frustum import compare_over_frustum
@@ -40,6 +39,9 @@ def compare_rules(
         ValueError: bad arguments, a traced view; a rule that is unknown, raises, or returns no `Warp` of theta's shape
             with eta in (0, 1] (`RuleError`). `solution.result` reports failed solves.
 
+    Rules are formulas of a perspective frustum: with an orthographic camera all but "ssm" are undefined
+    (`undefined_because`).
+
     The bound is None where none is known (`no_bound_because`). For depth buffers and points it is over bins of depth,
     and a warp can be up to 8 % below it. Over a scene `regions` and `peaks` are None.
 
@@ -64,5 +66,4 @@ def compare_rules(
     objective, found, least_eta = objective_or_default(objective), rule_set(rules), checked_min_eta(min_eta)
     if isinstance(view, FrustumView):
         return compare_over_frustum(view, found, objective)
-    refuse_orthographic(view.camera, "rules are formulas of a perspective frustum")
     return compare_over_scene(view, found, objective, least_eta)

@@ -50,6 +50,7 @@ class Comparison:
         peaks: for ordered directions, {"optimum", "bound", "no_warp"}: for each rule (the largest ratio of its norm to
             the optimum, the lower bound and the norm without a warp, and its theta), also searched between the
             directions; see `worst`. None for an unordered list.
+        undefined_because: why rules are undefined whatever the light is, as text: an orthographic camera; else None.
 
     Example:
         >>> import math, warpopt
@@ -71,6 +72,7 @@ class Comparison:
     unwarped: NDArray
     regions: dict[str, dict[str, tuple[Interval, ...]]] | None
     peaks: dict[Over, dict[str, Peak]] | None
+    undefined_because: str | None = None
 
     @property
     def ratio(self) -> NDArray:

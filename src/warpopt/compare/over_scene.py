@@ -49,20 +49,29 @@ def compare_over_scene(
     on_host = eqx.tree_at(lambda v: v.light, view, jax.tree.map(np.asarray, view.light))
     for k in range(count):  # receivers may accept only some lights
         settled_scene(_one_of(on_host, k), objective)
+    parallel = view.camera.is_orthographic
+    every, rules = tuple(rules), {name: rule for name, rule in rules.items() if not parallel or rule is KNOWN["ssm"]}
     by_body = tuple(name for name, rule in rules.items() if takes_body(name, rule))
     by_apex = {name: rule for name, rule in rules.items() if name not in by_body}
-    whole = _frusta(view)
-    # One light at a time: a user's rule may require scalars.
-    given = [warps_over(by_apex, jax.tree.map(lambda v, k=k: v[k], whole)) for k in range(count)] if by_apex else None
-    apexes = None if given is None else stacked(given)
-    solution, eta, defined, values = _over_lights(view, whole, apexes, by_body, objective, min_eta)
-    order = [[*by_body, *by_apex].index(name) for name in rules]
-    eta, defined, values = (np.asarray(v).T for v in (eta, defined, values))
-    unwarped, eta, defined = values[-1], eta[order], defined[order]
-    values = np.where(defined & ~failed_on_host(solution.result), values[order], np.nan)
+    half_fov, apexes = np.zeros(count), None  # parallel rays have no field of view
+    if not parallel:
+        whole = _frusta(view)
+        half_fov = whole.frustum.half_fov
+        # One light at a time: a user's rule may require scalars.
+        given = [warps_over(by_apex, jax.tree.map(lambda v, k=k: v[k], whole)) for k in range(count)] if by_apex else []
+        apexes = stacked(given) if given else None
+    solution, eta, defined, values = _over_lights(view, half_fov, apexes, by_body, objective, min_eta)
+    each = list(zip(*(np.asarray(v).T for v in (eta, defined, values)), strict=True))
+    found, unwarped = dict(zip([*by_body, *by_apex], each[:-1], strict=True)), each[-1][2]
+    none = np.ones_like(unwarped), np.zeros(count, bool), unwarped
+    eta, defined, values = (np.stack(v) for v in zip(*(found.get(name, none) for name in every), strict=True))
+    values = np.where(defined & ~failed_on_host(solution.result), values, np.nan)
     bound, reason = _bounds(view, objective)
     theta = np.asarray(solution.frame.theta)
-    return Comparison(tuple(rules), theta, solution, bound, reason, eta, defined, values, unwarped, None, None)
+    why = None
+    if len(found) < len(every):
+        why = "Rules are formulas of a perspective frustum, and parallel rays have no eye."
+    return Comparison(every, theta, solution, bound, reason, eta, defined, values, unwarped, None, None, why)
 
 
 def _one_of(view: SceneView, k: int) -> SceneView:
@@ -91,13 +100,13 @@ def _frusta(view: SceneView) -> FrustumView:
 
 @functools.partial(jax.jit, static_argnames=("names", "objective"))
 def _over_lights(
-    view: SceneView, whole: FrustumView, apexes: Warp | None, names: tuple[str, ...], objective: Objective,
-    min_eta: Float[Array, ""],
+    view: SceneView, half_fov: Float[Array | np.ndarray, " T"], apexes: Warp | None, names: tuple[str, ...],
+    objective: Objective, min_eta: Float[Array, ""],
 ) -> tuple[SceneSolution, Array, Array, Array]:  # fmt: skip
-    """For each light: the optimum, each rule's (eta, defined), and the norms of these and of no warp."""
+    """For each light: the optimum, and (eta, defined, the norm) of each rule and of no warp."""
 
     def one(inputs):
-        light, frustum, given = inputs
+        light, half_fov, given = inputs
         seen = eqx.tree_at(lambda v: v.light, view, light)
         solution = solve_scene(seen, objective, min_eta)
         footprint, ahead = solution.footprint, solution.frame
@@ -105,7 +114,7 @@ def _over_lights(
             # Rules are for a map along the view, with its axis through the eye.
             ahead = seen.frame_along("view")
             footprint = footprint_of(seen.receivers, seen.camera, ahead, objective)
-        body = _body(view, footprint, frustum.half_fov)
+        body = _body(view, footprint, half_fov)
         with trusted():  # values of a solution need no check
             warps = [KNOWN[name](body, jnp.clip(solution.frame.theta, 0, jnp.pi)) for name in names]
         eta, defined = [warp.eta for warp in warps], [warp.defined for warp in warps]
@@ -115,10 +124,10 @@ def _over_lights(
         dtype = footprint.mu.dtype
         every = jnp.stack([*(jnp.asarray(v, dtype) for v in eta), jnp.ones((), dtype)])
         values = norms_at(footprint, ahead, objective, every)
-        return solution, every[:-1], jnp.stack([jnp.asarray(v, bool) for v in defined]), values
+        return solution, every, jnp.stack([jnp.asarray(v, bool) for v in (*defined, True)]), values
 
     together = 1 if view.receivers.one_at_a_time else min(_TOGETHER, len(view.light.direction))
-    return jax.lax.map(one, (view.light, whole.frustum, apexes), batch_size=together)
+    return jax.lax.map(one, (view.light, half_fov, apexes), batch_size=together)
 
 
 def _body(view: SceneView, footprint: Footprint | Extent, half_fov: Array) -> Body:

@@ -136,12 +136,12 @@ class LitScene:
         return np.where(hit, second, np.inf)
 
     def seen_from(
-        self, eye: Float[np.ndarray, "3"], rays: Float[np.ndarray, "P 3"], near: float, far: float
+        self, eye: Float[np.ndarray, "P 3"], rays: Float[np.ndarray, "P 3"], near: float, far: float
     ) -> tuple[Float[np.ndarray, " P"], Int[np.ndarray, " P"]]:
         """(how many rays' lengths from the eye the first surface is in [near, far), its triangle); (inf, -1) for none.
 
         Args:
-            eye: in (a, b, h).
+            eye: where each ray begins, in (a, b, h).
             rays: directions in (a, b, h), of any length: with eye depth 1, the answer is the eye depth.
         """
         scene, which = self._scene()

@@ -93,12 +93,13 @@ def seen_again(before: Moment, after: Moment) -> Bool[np.ndarray, " P"]:
     points = before.scene.world(np.column_stack([frame.places, frame.heights]))
     eye = camera.to_eye(points)
     z = np.maximum(eye[:, 2], camera.near)
-    slopes = eye[:, :2] / z[:, None]
+    slopes = camera.on_window(np.column_stack([eye[:, :2], z]))
     left, right, bottom, top = camera.window
     inside = (eye[:, 2] >= camera.near) & (slopes[:, 0] > left) & (slopes[:, 0] < right)
     inside &= (slopes[:, 1] > bottom) & (slopes[:, 1] < top)
-    rays = np.column_stack([slopes, np.ones(len(z))]) @ camera.rotation @ after.scene.axes.T
-    depth, which = after.scene.seen_from(after.scene.coordinates(camera.position), rays, camera.near, camera.far)
+    begin, rays = (v @ camera.rotation @ after.scene.axes.T for v in camera.rays_at(slopes))
+    begin = begin + after.scene.coordinates(camera.position)
+    depth, which = after.scene.seen_from(begin, rays, camera.near, camera.far)
     # The ray ends on the same triangle, or within what single precision cannot tell from it.
     return inside & ((which == frame.triangles) | (np.abs(depth - z) < 1e-5 * z))
 

@@ -105,10 +105,14 @@ def see(scene: LitScene, camera: SceneCamera, height: int, width: int) -> Frame:
     if height < 1 or width < 1:
         raise ValueError(f"screen: got {width} x {height} pixels, expected at least one")
     across, up = camera.slopes(height, width)
-    eye_rays = np.stack([*np.broadcast_arrays(across, up[:, None]), np.ones((height, width))], -1).reshape(-1, 3)
-    rays = eye_rays @ camera.rotation @ scene.axes.T
-    eye = scene.coordinates(camera.position)
-    depth, which = scene.seen_from(eye, rays, camera.near, camera.far)
+    eye, (begin, rays) = (
+        scene.coordinates(camera.position),
+        (
+            v @ camera.rotation @ scene.axes.T
+            for v in camera.rays_at(np.stack(np.broadcast_arrays(across, up[:, None]), -1).reshape(-1, 2))
+        ),
+    )
+    depth, which = scene.seen_from(eye + begin, rays, camera.near, camera.far)
     hit = which >= 0
     normals = scene.normals[which]
     # The side that the camera sees; normals have h <= 0, so it faces the light where the camera is on that side.
@@ -116,7 +120,7 @@ def see(scene: LitScene, camera: SceneCamera, height: int, width: int) -> Frame:
     cosine = -normals[:, 2]
     judged = hit & towards & (cosine >= LEAST_COSINE)
     grazing = hit & towards & ~judged
-    at = eye + depth[judged, None] * rays[judged]
+    at = eye + begin[judged] + depth[judged, None] * rays[judged]
     which = which[judged]
     places, heights = at[:, :2], at[:, 2]
     first, blocker = scene.first_hits(places)

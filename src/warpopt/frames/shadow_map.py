@@ -223,14 +223,15 @@ def screen_steps(shadow_map: ShadowMap, frame: Frame, texture: Float[np.ndarray,
     scene, camera = shadow_map.scene, frame.camera
     height, width = frame.judged.shape
     left, right, bottom, top = camera.window
-    eye = scene.coordinates(camera.position)
-    at = np.column_stack([frame.places, frame.heights])
-    rays = (at - eye) / frame.depth[frame.judged][:, None]
+    at, z = np.column_stack([frame.places, frame.heights]), frame.depth[frame.judged]
     turn = camera.rotation @ scene.axes.T  # rows: right, up and forward in (a, b, h)
     steps = np.stack([turn[0] * (right - left) / width, -turn[1] * (top - bottom) / height])
-    # On the plane h = slopes . (a, b) + const, c = z r: dc = z dr + r dz with n . dc = 0.
+    # On the plane h = slopes . (a, b) + const, c = z r: dc = z dr + r dz with n . dc = 0; c = o + z r, dc = do + r dz
+    # of parallel rays.
+    rays = (at - scene.coordinates(camera.position)) / z[:, None]
+    if camera.is_orthographic:
+        rays, z = np.broadcast_to(turn[2], at.shape), np.ones_like(z)
     normal = np.column_stack([-frame.slopes, np.ones(len(at))])
-    z = frame.depth[frame.judged]
     across = np.einsum("ij,ij->i", normal, rays)
     moved = z[:, None, None] * (steps - rays[:, None] * ((normal @ steps.T) / across[:, None])[..., None])
     return np.linalg.solve(shadow_map.stretch(texture), moved[..., :2].transpose(0, 2, 1))

@@ -120,7 +120,7 @@ class DepthBuffer(OneByOne):
     def counted(self, camera: Camera, objective: Objective) -> Counted:
         """See `Receivers`."""
         points, seen = eye_points(self, camera)
-        return self.weights.counted(points.reshape(-1, 3), seen.ravel(), objective.kernel)
+        return self.weights.counted(points.reshape(-1, 3), camera, seen.ravel(), objective.kernel)
 
     def sketch(self, camera: Camera, objective: Objective) -> Receivers:
         """See `Receivers`: the pixels as points if they are few, else tiles of them, each in two parts by depth."""
@@ -306,14 +306,14 @@ def eye_points(buffer: DepthBuffer, camera: Camera) -> tuple[Float[Array, "H W 3
     seen = jnp.isfinite(z)
     z = jnp.where(seen, z, 1)
     across, up = _slopes(z, camera)
-    size = jnp.ones_like(z) if camera.is_orthographic else z
+    size = camera.screen_depth(z)
     return jnp.stack([size * across, size * up[:, None], z], -1), seen
 
 
 @functools.partial(jax.jit, static_argnames=("supremum",))
 def _weighted(buffer: DepthBuffer, camera: Camera, supremum: bool) -> PointSet:
     points, seen = eye_points(buffer, camera)
-    weights = seen.astype(points.dtype) if supremum else buffer.weights.of(points[..., 2], seen)[0]
+    weights = seen.astype(points.dtype) if supremum else buffer.weights.of(camera.screen_depth(points[..., 2]), seen)[0]
     return PointSet(points.reshape(-1, 3), weights.ravel())
 
 

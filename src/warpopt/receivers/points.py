@@ -106,14 +106,15 @@ class PointReceivers(OneByOne):
         points, seen = self._seen(camera)
         if not len(self.points):
             return Counted(points, jnp.zeros_like(points[:, 2]), None)
-        return self.weights.counted(points, seen, objective.kernel)
+        return self.weights.counted(points, camera, seen, objective.kernel)
 
     def sketch(self, camera: Camera, objective: Objective) -> Receivers:
         """See `Receivers`: themselves if they are few."""
         if len(self.points) <= EXACT:
             return self
         points, seen = self._seen(camera)
-        return sketch_of_points(camera, points, seen, self._weights(points[:, 2], seen)[0], objective)
+        weights, _ = self._weights(camera.screen_depth(points[:, 2]), seen)
+        return sketch_of_points(camera, points, seen, weights, objective)
 
     def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> BinnedProfile:
         """See `Receivers`."""
@@ -135,7 +136,7 @@ class PointReceivers(OneByOne):
 @functools.partial(jax.jit, static_argnames=("supremum",))
 def _weighted(receivers: PointReceivers, camera: Camera, supremum: bool) -> PointSet:
     points, seen = receivers._seen(camera)
-    weights = seen.astype(points.dtype) if supremum else receivers._weights(points[:, 2], seen)[0]
+    weights = seen.astype(points.dtype) if supremum else receivers._weights(camera.screen_depth(points[:, 2]), seen)[0]
     return PointSet(points, weights)
 
 

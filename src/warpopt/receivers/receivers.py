@@ -142,15 +142,21 @@ class Receivers(eqx.Module):
     def nearness(self, camera: Camera, frame: LightFrame, bins: int) -> float:
         """The integral over the light plane of max 1/z^2 of the receivers on each ray, used by the bound of "storage".
 
+        Under parallel rays it is the area that they cover there.
+
         Args:
             camera, frame: not traced.
-            bins: for sets of points: cells are 8 / bins of their depths wide.
+            bins: for sets of points: cells are 8 / bins of their depths wide; of the window's height under parallel
+                rays.
 
         Raises:
             ValueError: this kind has none.
         """
         points, weights = (np.asarray(v, np.float64) for v in self.places(camera))
-        return over_points(points[weights > 0], np.asarray(frame.light, np.float64), 8 / bins)
+        points = points[weights > 0]
+        side = 8 / bins * (float(camera.window[3] - camera.window[2]) if camera.is_orthographic else 1)
+        z = np.asarray(frame.eye_depth(points), np.float64)
+        return over_points(points, z, np.asarray(frame.light, np.float64), side)
 
     def check(self, camera: Camera, light: DirectionalLight, objective: Objective | None) -> None:
         """Refuse inputs that these receivers do not support; public functions call it before compiling anything.

@@ -1,8 +1,9 @@
 """Receivers reduced to a few thousand cells of screen and depth, so that many directions of a warp can be tried.
 
-A cell is a rectangle of slopes (x/z, y/z) and a range of depths, whatever the direction; with it go the weight and the
-centroid of its receivers. All of a map's errors are products of powers of 1/z and functions of places that are linear
-in eye coordinates, so the centroid weighted with (1/z)^P stands for a cell to first order.
+A cell is a rectangle of slopes (x/z, y/z; x and y under parallel rays) and a range of depths, whatever the direction;
+with it go the weight and the centroid of its receivers. All of a map's errors are products of powers of 1/z and
+functions of places that are linear in eye coordinates, so the centroid weighted with (1/z)^P stands for a cell to first
+order.
 """
 
 from typing import ClassVar, NamedTuple
@@ -43,10 +44,11 @@ class Sketch(Receivers):
     """Cells of receivers.
 
     Attributes:
-        low, high: least and largest (x/z, y/z).
+        low, high: least and largest (x/z, y/z); (x, y) under parallel rays.
         near, far: least and largest eye depth; inf and -inf for empty cells.
         sums: for means over weighted receivers; None for maxima.
         unit: of length, for the sums.
+        parallel: whether the camera's rays are.
     """
 
     of_cells: ClassVar[bool] = True
@@ -57,11 +59,12 @@ class Sketch(Receivers):
     far: Float[Array, " C"]
     sums: Sums | None
     unit: Float[Array, ""]
+    parallel: bool = eqx.field(static=True)
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`. Conservative: of each cell's corners."""
         corners, there = self._corners()
-        d, x, h, z = frame.depth(corners), frame.lateral(corners), frame.along_light(corners), corners[:, 2]
+        d, x, h, z = frame.depth(corners), frame.lateral(corners), frame.along_light(corners), frame.eye_depth(corners)
         start, end = ends(there, d)
         share = (d - start) / jnp.where(end > start, end - start, 1)
         footprint = from_groups(grouped(there, d, x, h, z, bin_of(jnp.where(there, share, 0)), BINS), camera.near)
@@ -115,7 +118,10 @@ class Sketch(Receivers):
         one = jnp.ones_like(self.near)
         slopes = [jnp.stack([x, y, one], -1) for x in self._ends(0) for y in self._ends(1)]
         depths = [jnp.where(there, z, 1) for z in (self.near, self.far)]
-        corners = jnp.concatenate([slope * z[:, None] for slope in slopes for z in depths])
+        if self.parallel:
+            corners = jnp.concatenate([slope.at[:, 2].set(z) for slope in slopes for z in depths])
+        else:
+            corners = jnp.concatenate([slope * z[:, None] for slope in slopes for z in depths])
         return corners, jnp.tile(there, 8)
 
     def _ends(self, i: int) -> tuple[Float[Array, " C"], Float[Array, " C"]]:
@@ -173,7 +179,7 @@ def sketch_of_pixels(
     _, (near, far) = sweep(ends, None, (z, seen), None)
     there = jnp.isfinite(near)
     middle = jnp.sqrt(jnp.where(there, near, 1)) * jnp.sqrt(jnp.where(there, far, 1))
-    unit = jnp.where(there.any(), jnp.where(there, near, jnp.inf).min(), 1)
+    unit = camera.screen_depth(jnp.where(there.any(), jnp.where(there, near, jnp.inf).min(), 1))
     averaged, exponent = not objective.supremum, _exponent(objective)
     padded_up = jnp.pad(up, pad[0]).reshape(rows, down, 1)
     padded_weights = None if weights is None else in_rows(weights, 0.0)
@@ -190,9 +196,10 @@ def sketch_of_pixels(
             sums = ()
             if averaged:
                 share = part.astype(z.dtype) if weights is None else jnp.where(part, weights, 0)
-                share = share * power(unit / z, exponent)
-                depth = share * z
-                sums = (share.sum(0), depth.sum(0), (depth * up).sum(0))
+                size = camera.screen_depth(z)
+                share = share * power(unit / size, exponent)
+                depth, size = share * z, share * size
+                sums = (share.sum(0), depth.sum(0), size.sum(0), (size * up).sum(0))
             found.append((*limits, *sums))
         return None, jax.tree.map(lambda *v: jnp.stack(v), *found)
 
@@ -200,10 +207,10 @@ def sketch_of_pixels(
     slopes = jnp.pad(across, pad[1])
     made = None
     if averaged:
-        weight, depth, rise = sums
+        weight, depth, size, rise = sums
         mass = (seen if weights is None else weights).astype(z.dtype).sum()
         mass = jnp.where(mass > 0, mass, 1)
-        made = Sums(*(by_tile(v, jnp.sum).ravel() / mass for v in (weight, depth * slopes, rise, depth)))
+        made = Sums(*(by_tile(v, jnp.sum).ravel() / mass for v in (weight, size * slopes, rise, depth)))
     lows, highs = [], []
     first, last = np.arange(columns) * aside, np.minimum(np.arange(1, columns + 1) * aside, width) - 1
     top, bottom = np.arange(rows) * down, np.minimum(np.arange(1, rows + 1) * down, height) - 1
@@ -212,7 +219,8 @@ def sketch_of_pixels(
         pair = slope[ends_of[0]], slope[ends_of[1]]
         lows.append(jnp.broadcast_to(jnp.minimum(*pair).reshape(axis), shape).ravel())
         highs.append(jnp.broadcast_to(jnp.maximum(*pair).reshape(axis), shape).ravel())
-    return Sketch(jnp.stack(lows, -1), jnp.stack(highs, -1), near.ravel(), far.ravel(), made, unit)
+    ends_of_cells = jnp.stack(lows, -1), jnp.stack(highs, -1), near.ravel(), far.ravel()
+    return Sketch(*ends_of_cells, made, unit, camera.is_orthographic)
 
 
 def sketch_of_points(
@@ -225,7 +233,8 @@ def sketch_of_points(
     """The sketch of many points in eye coordinates, by the tile of the screen that they are in."""
     left, right, bottom, top = camera.window
     z = jnp.where(seen, points[:, 2], 1)
-    slopes = jnp.where(seen[:, None], points[:, :2] / z[:, None], 0)
+    size = camera.screen_depth(z)
+    slopes = jnp.where(seen[:, None], points[:, :2] / size[:, None], 0)
     place = (slopes - jnp.stack([left, bottom])) / jnp.stack([right - left, top - bottom])
     columns, rows = _tiles(objective)
     column, row = (
@@ -241,14 +250,14 @@ def sketch_of_points(
     middle = jnp.sqrt(jnp.where(there, near, 1)) * jnp.sqrt(jnp.where(there, far, 1))
     cell, count = 2 * tile + (z > middle[tile]), 2 * count
     near, far = least(z, cell, count), -least(-z, cell, count)
-    unit = jnp.where(seen.any(), jnp.where(seen, z, jnp.inf).min(), 1)
+    unit = jnp.where(seen.any(), jnp.where(seen, size, jnp.inf).min(), 1)
     filled = jnp.isfinite(near)
     low, high = (jnp.stack([sign * least(sign * slopes[:, i], cell, count) for i in (0, 1)], -1) for sign in (1, -1))
     low, high = (jnp.where(filled[:, None], v, 0) for v in (low, high))
     made = None
     if not objective.supremum:
         mass = weights.sum()
-        share = weights * power(unit / z, _exponent(objective)) / jnp.where(mass > 0, mass, 1)
+        share = weights * power(unit / size, _exponent(objective)) / jnp.where(mass > 0, mass, 1)
         terms = share, *(share * jnp.where(seen, points[:, i], 0) for i in range(3))
         made = Sums(*(jax.ops.segment_sum(term, cell, count) for term in terms))
-    return Sketch(low, high, near, far, made, unit)
+    return Sketch(low, high, near, far, made, unit, camera.is_orthographic)

@@ -88,12 +88,13 @@ def edge_weights(
     ):  # fmt: skip
         if value is not None:
             instance(name, value, kind)
-        if isinstance(value, Camera):
-            refuse_orthographic(value, "edges are found in a perspective image")
     if (receivers is None) != (camera is None):
         name, other = ("camera", "receivers") if camera is None else ("receivers", "camera")
         raise ValueError(f"{name}: got none with {other}, expected both or neither")
     moved = isinstance(lit, RenderedMap) or last_camera is not None
+    if moved and camera is not None:
+        for seen in filter(None, (camera, last_camera)):
+            refuse_orthographic(seen, "surfaces are followed from pixel to pixel of a perspective image")
     if moved and (receivers is None or camera is None):
         name = "a RenderedMap" if isinstance(lit, RenderedMap) else "last_camera"
         raise ValueError(f"receivers: got none with {name}, expected the receivers and the camera of this frame")

@@ -46,6 +46,16 @@ class SceneCamera:
         """World points (..., 3) in eye coordinates: x right, y up, z along the view."""
         return (points - self.position) @ self.rotation.T
 
+    def on_window(self, eye: np.ndarray) -> np.ndarray:
+        """Where points (..., 3) in eye coordinates are in the window: (x/z, y/z), or (x, y) if orthographic."""
+        return eye[..., :2] if self.is_orthographic else eye[..., :2] / eye[..., 2:]
+
+    def rays_at(self, window: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(where the rays through places (..., 2) of the window have eye depth 0, their steps to eye depth 1)."""
+        flat = np.concatenate([window, np.zeros((*window.shape[:-1], 1))], -1)
+        ahead = np.array([0.0, 0.0, 1.0])
+        return (flat, ahead + 0 * flat) if self.is_orthographic else (0 * flat, flat + ahead)
+
     def slopes(self, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
         """(x/z of the columns, y/z of the rows) at pixel centres, row 0 at the top; x and y if orthographic."""
         left, right, bottom, top = self.window

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .._numerics import larger, power, smaller
+from .._numerics import larger, over, power, smaller
 from ..objective import Objective
 from ..receivers.bodies.frustum_moments import extreme_height
 from ..theory.aliasing import inverse_width
@@ -62,7 +62,10 @@ def supremum_norm(space: LightSpace, eta: Float[Array, "..."], objective: Object
         # E_p is of order A/eta, up to n/f's powers, and A f/n of order 1/sqrt(n/f): in this order all are in range.
         blend = depth.blend(eta)
         e_p, e_q = along * (blend * nearness) * (blend / eta), across * (blend * nearness)
-        return power(e_p, metric.alpha) * power(e_q, metric.beta)
+        # An error that does not count has no part in the derivative, where A/eta^2 may overflow.
+        if not metric.alpha:
+            return power(e_q, metric.beta)
+        return power(e_p, metric.alpha) * power(e_q, metric.beta) if metric.beta else power(e_p, metric.alpha)
 
     return larger(attained(ends.near, 1 + space.depth_range), attained(ends.far, 1.0))
 
@@ -84,7 +87,7 @@ def kink(space: LightSpace) -> Float[Array, "..."]:
 
     0 if always the far corners do (theta <= phi).
     """
-    return space.ratio * space.a_plus / space.b
+    return over(space.ratio * space.a_plus, space.b)
 
 
 def _tie(space: LightSpace, objective: Objective, near: LightDepth) -> tuple[Array, Array]:
@@ -101,7 +104,7 @@ def _tie(space: LightSpace, objective: Objective, near: LightDepth) -> tuple[Arr
     top = shrunk * share * space.a_plus + (2 * T * u * _growth(space, 1 - q) * shrunk - share * space.a_minus)
     span = share * (space.sin_theta if u == 0.5 else space.b)  # a + 2 T u
     bottom = shrunk * span + growth * near.one_minus_delta * mu
-    return larger(top, 0) / bottom, jnp.where(top > 0, growth * mu / bottom, 1)
+    return over(larger(top, 0), bottom), jnp.where(top > 0, growth * mu / bottom, 1)
 
 
 def _growth(space: LightSpace, exponent: float) -> Array:

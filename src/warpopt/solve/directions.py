@@ -92,7 +92,8 @@ def _least(footprint: Footprint, frame: LightFrame, objective: Objective, min_et
     if isinstance(norm, SampleNorm):
         found = least(norm.touch, min_eta.astype(norm.along.dtype), tolerance=_TOLERANCE)
         return jnp.where(found.value > 0, found.value, 0) ** (1 / norm.order) * jnp.exp(norm.log_scale)
-    return value_at(norm, minimise(norm, min_eta).log_eta)
+    known = frame.is_orthographic and objective.supremum  # no warp, (T65)
+    return value_at(norm, jnp.zeros_like(footprint.mu) if known else minimise(norm, min_eta).log_eta)
 
 
 def best_aspect(

@@ -160,6 +160,28 @@ def _polynomial_slope(moments: Moments, eta: Array) -> Array:
     return jnp.where(flip, falling, rising)
 
 
+def no_warp(log_norm: LogNorm, min_eta: Float[Array, ""]) -> Optimum:
+    """No warp, where it is known to be the minimiser: one slope for the margin, and no search."""
+    fixed = jax.lax.stop_gradient(log_norm)
+    dtype, footprint = fixed.footprint.mu.dtype, fixed.footprint
+    margin = slope_at(fixed, jnp.asarray(-4 * float(jnp.finfo(dtype).eps) ** 0.5, dtype))
+    outcome = jnp.where(footprint.flat, Outcome.flat, Outcome.no_warp)
+    outcome = jnp.where(footprint.empty, Outcome.empty, outcome).astype(jnp.int32)
+    zero = jnp.zeros((), dtype)
+    return Optimum(zero, outcome, zero, jnp.where(_same_for_all(fixed), 0, margin))
+
+
+def _same_for_all(log_norm: LogNorm) -> Bool[Array, ""]:
+    """Whether every warp has the same norm.
+
+    Receivers all on W's axis have no lateral error: E_q and E_pxq are zero for every warp.
+    """
+    sides, nothing = log_norm.footprint.sides, log_norm.footprint.flat | log_norm.footprint.empty
+    if log_norm.summed or all(term.beta for term in log_norm.terms):
+        nothing = nothing | ~(jnp.maximum(sides.right.max(), sides.left.max()) > 0)
+    return nothing
+
+
 def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> Optimum:
     """The global minimiser, the largest where minima are flat.
 
@@ -179,11 +201,7 @@ def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> Optimum:
     noise = 16 * eps
     # Mapped, here and below, so that each formula is compiled once: compiling takes most of a first call.
     margin, at_floor = jax.vmap(lambda u: slope_at(fixed, u))(jnp.stack([upper, lower]))
-    # Receivers all on W's axis have no lateral error: E_q and E_pxq are zero for every warp.
-    sides = fixed.footprint.sides
-    nothing = fixed.footprint.flat | fixed.footprint.empty
-    if fixed.summed or all(term.beta for term in fixed.terms):
-        nothing = nothing | ~(jnp.maximum(sides.right.max(), sides.left.max()) > 0)
+    nothing = _same_for_all(fixed)
     helps = (margin > noise) & ~nothing
     inside = helps & (at_floor < 0)
     root, converged = zero_of_slope(fixed, inside, (lower + upper) / 2, lower, upper, noise, longest)

@@ -15,7 +15,7 @@ from ..theory.light_frame import LightFrame
 from ..theory.warp import Warp
 from ..views import SceneView, one_light, settled
 from .directions import best_aspect, best_turn
-from .footprint_optimum import LogNorm, minimise
+from .footprint_optimum import LogNorm, minimise, no_warp
 from .means.cell_bounds import excess_of_cells
 from .means.sample_norm import SampleNorm
 from .means.sample_optimum import minimise_mean
@@ -137,7 +137,9 @@ def _solve_along(view: SceneView, frame: LightFrame, objective: Objective, min_e
         # For an L_P norm of E_p the moments come from the individual receivers: grouping loses nothing.
         grouped = footprint.grouped and (objective.supremum or objective.has_beta)
         loose = grouped and footprint.free is not None
-        optimum, value, excess = _of_extents(log_norm, grouped and not loose, min_eta)
+        # Under parallel rays no warp is best for every maximum (T65).
+        best_known = frame.is_orthographic and objective.supremum
+        optimum, value, excess = _of_extents(log_norm, grouped and not loose, min_eta, best_known)
         # Moving a receiver within its group may widen a free fit or narrow it: no bound is known.
         excess = jnp.where(loose, jnp.nan, excess)
         gap = jnp.zeros_like(value)
@@ -160,16 +162,21 @@ def _solve_along(view: SceneView, frame: LightFrame, objective: Objective, min_e
     )  # fmt: skip
 
 
-def _of_extents(log_norm: LogNorm, grouped: bool, min_eta: Array) -> tuple[Optimum, Array, Array]:
-    """(the optimum, the norm, its excess over the individual receivers')."""
+def _of_extents(log_norm: LogNorm, grouped: bool, min_eta: Array, without: bool) -> tuple[Optimum, Array, Array]:
+    """(the optimum, the norm, its excess over the individual receivers').
+
+    Args:
+        without: whether the optimum is known to be no warp.
+    """
+    find = no_warp if without else minimise
     if not grouped:
-        optimum = minimise(log_norm, min_eta)
+        optimum = find(log_norm, min_eta)
         value = value_at(log_norm, optimum.log_eta)
         return optimum, value, jnp.zeros_like(value)
     best_case = eqx.tree_at(lambda n: n.footprint, log_norm, log_norm.footprint.at_best())
     # Both in one map: the search is compiled once.
     both = jax.tree.map(lambda *v: jnp.stack(v), log_norm, best_case)
-    optima = jax.vmap(minimise, (0, None))(both, min_eta)
+    optima = jax.vmap(find, (0, None))(both, min_eta)
     value, least = jax.vmap(value_at)(both, optima.log_eta)
     return jax.tree.map(lambda v: v[0], optima), value, _over(value, least)
 

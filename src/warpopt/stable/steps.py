@@ -246,7 +246,7 @@ def _plane(window: Settings, view: SceneView) -> Array:
     """The anchor plane, relative to the eye."""
     camera, light = view.camera, view.light.direction
     points, weights = view.receivers.places(camera)
-    z = jnp.where(weights > 0, points[:, 2], 1)
+    z = camera.screen_depth(jnp.where(weights > 0, points[:, 2], 1))
     share = jnp.where(weights > 0, weights / (z * z), 0)
     share = share / _positive(share.sum())
     centre = share @ jnp.where((weights > 0)[:, None], points, 0)

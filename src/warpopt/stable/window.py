@@ -17,7 +17,7 @@ from ..receivers.receivers import Receivers
 from ..receivers.weighted.weights import Weighting
 from ..render.shadow_matrix import ClipSpace, checked_clip_space
 from ..solve.scene import settled_scene
-from ..theory.camera import Camera, DirectionalLight, refuse_orthographic
+from ..theory.camera import Camera, DirectionalLight
 from ..views import DIRECTIONS, LATERAL, SceneView
 from .state import WindowState
 from .steps import Settings, update_window
@@ -210,7 +210,6 @@ class StableWindow:
             map_aspect=self.map_aspect, turn_only_if=self.turn_only_if,
         )  # fmt: skip
         view = settled_scene(view, objective)
-        refuse_orthographic(camera, "a stable window follows a perspective view")
         dtype = camera.position.dtype
         above = np.asarray(np.inf, dtype) if casters is None else _nearest(casters, camera, light)
         if not is_traced(may_refit) and np.asarray(may_refit).dtype != bool:

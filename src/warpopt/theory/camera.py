@@ -165,8 +165,8 @@ class Camera(eqx.Module):
         """A camera with parallel rays: a box from near to far, 2 half_height high.
 
         The screen sees all depths alike, so that z is a constant in the errors: for every maximum no warp is best, and
-        for a mean the receivers' distribution along the warp decides ((T65) of docs/theory.md). docs/support.md says
-        what works with it.
+        for a mean the receivers' distribution along the warp decides ((T65) of docs/theory.md). Rules need an eye and
+        are undefined. docs/support.md says what works with it.
 
         Args:
             half_height: half the height of the window, a length > 0.
@@ -195,12 +195,16 @@ class Camera(eqx.Module):
         """World points (..., 3) in eye coordinates."""
         return (points_of(self.position.dtype, "points", points) - self.position) @ self.rotation.T
 
+    def screen_depth(self, z: Float[Array, "..."]) -> Float[Array, "..."]:
+        """What sizes on the screen are inversely proportional to: the eye depth z, or 1 where rays are parallel."""
+        return jnp.ones_like(z) if self.is_orthographic else z
+
     def corners(self) -> Float[Array, "8 3"]:
         """Eye coordinates of the frustum's corners, those of the near plane first."""
         left, right, bottom, top = self.window
         ends = []
         for z in (self.near, self.far):
-            size = jnp.ones_like(z) if self.is_orthographic else z
+            size = self.screen_depth(z)
             ends += [jnp.stack([x * size, y * size, z]) for x in (left, right) for y in (bottom, top)]
         return jnp.stack(ends)
 
@@ -230,7 +234,7 @@ class DirectionalLight(eqx.Module):
 
     Args:
         direction: (3,) world direction in which the light travels, of any nonzero length; it may be parallel to the
-            view direction.
+            view direction. Next to it, `SceneView`'s direction "steady" keeps a map from turning with the light.
 
     Raises:
         ValueError: for the zero vector, NaN or infinity.

@@ -15,7 +15,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from .._checks import Numbers, checked, float_arrays, joint_shape
-from .._numerics import compiled, horner, picked
+from .._numerics import compiled, horner, over, picked
 from .._words import shown
 from .view_frustum import ViewFrustum
 
@@ -194,8 +194,10 @@ def side_slopes(phi: Float[Array, "..."], theta: Float[Array, "..."]) -> SideSlo
 def _edge(space: LightSpace, u: ArrayLike) -> tuple[LightDepth, LightDepth]:
     share, T, mu = space.share, space.slope, space.mu_over_far
     near_span, far_span = 2 * space.ratio * T, 2 * T
-    near = LightDepth((share * space.a_minus + near_span * u) / mu, (share * space.b + near_span * (1 - u)) / mu)
-    return near, LightDepth((share * space.a_plus + far_span * u) / mu, far_span * (1 - u) / mu)
+    # By `over`: the near end's derivatives are up to f/n large, times 1/mu^2 beyond the largest number.
+    near = over(share * space.a_minus + near_span * u, mu), over(share * space.b + near_span * (1 - u), mu)
+    far = over(share * space.a_plus + far_span * u, mu), over(far_span * (1 - u), mu)
+    return LightDepth(*near), LightDepth(*far)
 
 
 @compiled

@@ -16,7 +16,8 @@ class ViewFrustum(eqx.Module):
     Args:
         near: distance of the near plane, > 0.
         far: distance of the far plane, > near; far / near is at most a quarter of what the dtype's reciprocals hold,
-            2.1e37 in float32. `warpopt.theory.far_limit` is the optimum as it grows without end.
+            2.1e37 in float32. Without a far plane no map of all of V has both a finite error and an eta > 0: inf is
+            refused, and `warpopt.theory.far_limit` is what the optimum tends to.
         half_fov: half the field of view phi, in radians, in (0, pi/2); the same for both screen axes.
 
     Raises:
@@ -41,7 +42,10 @@ class ViewFrustum(eqx.Module):
         words = f"a finite number > 0 that {near.dtype} holds with all digits, >= {least:.3g}"
         self.near = checked("near", near, lambda v: (v >= least) & (v < np.inf), words)
         largest = 0.25 / least
-        words = f"a finite number > near, of a far/near up to {largest:.3g} ({far.dtype})"
+        words = (
+            f"a finite number > near, of a far/near up to {largest:.3g} ({far.dtype}); for no far plane see "
+            "warpopt.theory.far_limit"
+        )
         # By a product: the quotient may overflow.
         self.far = checked(
             "far", far, lambda v, near: (v > near) & (v < np.inf) & (v * (1 / largest) <= near), words, near

@@ -26,8 +26,7 @@ class Compare(Configured):
         config, folder = read_compare_config(self.config, overrides), self.config.parent
         check_replaceable(config.output.directory)
         check_modules(config.rules, folder)
-        why = "rules are formulas of a perspective frustum"
-        scene = read_scene(config, folder, only_perspective=why) if isinstance(config, SceneCompareConfig) else None
+        scene = read_scene(config, folder) if isinstance(config, SceneCompareConfig) else None
         prepare_jax()
         own = own_rules(config.rules, folder)
         from .run import run_compare

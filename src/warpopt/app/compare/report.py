@@ -105,6 +105,7 @@ def _verdict(c: Compared) -> str:
     r = c.result
     ranking = [name for name in r.ranking() if not np.isnan(r.mean(name))]
     words = [_ranking_words(c, ranking) if ranking else "No rule is defined and bounded in every direction."]
+    words += [r.undefined_because] if r.undefined_because else []
     words.append(r.no_bound_because or limit_sentence(least_and_largest(r.optimum_over_bound)))
     return " ".join(filter(None, words)) + "\n"
 
@@ -135,7 +136,8 @@ def _losses(c: Compared) -> str:
     """A sentence for each rule that is worse than no warp or is undefined somewhere, in the ranking's order."""
     lines = []
     for name in c.result.order():
-        worse, none = where_text(c, "worse", name), where_text(c, "undefined", name)
+        worse = where_text(c, "worse", name)
+        none = "" if c.result.undefined_because else where_text(c, "undefined", name)
         clauses = []
         if worse:
             clauses.append(" ".join(filter(None, [f"is worse than no warp {_for(worse)}", harm_text(c, name)])))

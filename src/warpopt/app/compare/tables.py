@@ -100,6 +100,7 @@ def _objective(c: Compared) -> dict[str, Any]:
         },
         "limit": None if r.bound is None else _numbers(r.bound),
         "no_limit_because": r.no_bound_because,
+        "undefined_because": r.undefined_because,
         "no_warp": _numbers(r.unwarped),
         "ranking": r.ranking(),
         "rules": {name: _rule(r, i, name) for i, name in enumerate(r.names)},

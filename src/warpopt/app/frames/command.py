@@ -23,8 +23,7 @@ class Frames(Configured):
 
         config = self.read(overrides)
         check_ray_caster()
-        why = "frames are of perspective images"
-        scene = read_scene(config, self.config.parent, images=False, only_perspective=why)
+        scene = read_scene(config, self.config.parent, images=False)
         check_casts(scene)
         prepare_jax()
         from .run import run_frames

@@ -47,15 +47,12 @@ class SceneInput:
     notes: list[str]
 
 
-def read_scene(
-    config: SceneSettings, folder: Path, images: bool = True, only_perspective: str | None = None
-) -> SceneInput:
+def read_scene(config: SceneSettings, folder: Path, images: bool = True) -> SceneInput:
     """Read the files, relative to `folder`, and make the depth images.
 
     Args:
         config, folder: of the configuration.
         images: whether to rasterise triangles.
-        only_perspective: why orthographic cameras are refused; None if they are not.
 
     Raises:
         ConfigError: names the key, what was got and what was expected.
@@ -78,10 +75,6 @@ def read_scene(
             cameras = _on_path(config, config.camera_path, folder, cameras)
         keys = [camera.key for camera in cameras]
     parallel = [i for i, camera in enumerate(cameras) if camera.is_orthographic]
-    by_edges = "edges are found in a perspective image" if config.weights.by == "edges" else None
-    if parallel and (only_perspective or by_edges):
-        reason = only_perspective or by_edges
-        raise ConfigError(f"camera.{parallel[0]}: got an orthographic one, expected a perspective one: {reason}")
     if parallel and not receivers.pixels:
         notes.append("An orthographic camera's section through a body is not drawn.")
     lit = _masks(config, folder)

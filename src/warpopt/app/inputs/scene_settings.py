@@ -284,11 +284,11 @@ class WarpSettings(Section):
     lateral: Literal["eye", "free"] = "eye"
     """free: the axis with the narrowest map, for maxima and products of E_p and E_q."""
 
-    def direction_of(self, objective: Objective, is_orthographic: bool) -> str | Triple:
-        """The direction for an objective and a camera."""
+    def direction_of(self, objective: Objective) -> str | Triple:
+        """The direction for an objective."""
         if self.direction is not None:
             return self.direction
-        return "best" if objective.kernel in ("edge", "band") and not is_orthographic else "view"
+        return "best" if objective.kernel in ("edge", "band") else "view"
 
 
 class SceneSettings(Section):

@@ -67,7 +67,7 @@ def views_of(config: SceneSettings, scene: SceneInput, objective: Objective | No
         try:
             view = warpopt.SceneView(
                 camera, lights, receivers, screen=config.objective.screen, shadow_map=config.objective.shadow_map,
-                warp_direction=config.warp.direction_of(objective, seen.is_orthographic), map_aspect=config.warp.aspect,
+                warp_direction=config.warp.direction_of(objective), map_aspect=config.warp.aspect,
                 lateral=config.warp.lateral, turn_only_if=config.warp.turn_only_if,
             )  # fmt: skip
         except ValueError as error:  # a vector along one of the lights

@@ -22,8 +22,7 @@ class Scene(Configured):
         from .casters import caster_shape
 
         config = self.read(overrides)
-        why = "a stable window follows a perspective view" if config.stable is not None else None
-        scene = read_scene(config, self.config.parent, only_perspective=why)
+        scene = read_scene(config, self.config.parent)
         casters = caster_shape(config.casters, config, scene, self.config.parent)
         prepare_jax()
         from .run import run_scene

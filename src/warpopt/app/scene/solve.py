@@ -137,8 +137,6 @@ def clip_space(config: SceneConfig) -> "warpopt.ClipSpace":
 def _limit(view: "warpopt.SceneView", objective: Objective, value: float | None) -> dict[str, Any]:
     """The part of a problem's row about the lower bound."""
     least, reason = None, objective.no_bound_because
-    if view.camera.is_orthographic:
-        reason = "No lower bound is known for an orthographic camera."
     if reason is None:
         least = warpopt.lower_bound(view, objective)
         reason = None if least > 0 else "There are no receivers, or all are at one depth: the limit is 0."

@@ -51,7 +51,7 @@ def followed(
     window = warpopt.StableWindow(
         margin=asked.margin, tolerance=asked.tolerance, objective=objective, scroll=asked.scroll, anchor=asked.anchor,
         ahead=asked.ahead, hold=asked.hold, check_every=asked.check_every, padding=asked.padding, jump=asked.jump,
-        forget_after=asked.forget_after, warp=asked.warp, warp_direction=config.warp.direction_of(objective, False),
+        forget_after=asked.forget_after, warp=asked.warp, warp_direction=config.warp.direction_of(objective),
         map_aspect=config.warp.aspect, lateral=config.warp.lateral, turn_only_if=config.warp.turn_only_if,
         shadow_map=config.objective.shadow_map, screen=config.objective.screen, clip_space=clip_space(config),
     )  # fmt: skip

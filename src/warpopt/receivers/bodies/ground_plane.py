@@ -74,7 +74,7 @@ class GroundPlane(Receivers):
     def nearness(self, camera: Camera, frame: LightFrame, bins: int) -> float:
         """See `Receivers`: exact."""
         points, weights = (np.asarray(v, np.float64) for v in self.places(camera))
-        return over_body(points[weights > 0], np.asarray(frame.light, np.float64))
+        return over_body(points[weights > 0], np.asarray(frame.light, np.float64), frame.is_orthographic)
 
     def check(self, camera: Camera, light: DirectionalLight, objective: Objective | None) -> None:
         """See `Receivers`.

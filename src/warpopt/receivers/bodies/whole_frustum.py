@@ -97,7 +97,7 @@ class WholeFrustum(Receivers):
     def nearness(self, camera: Camera, frame: LightFrame, bins: int) -> float:
         """See `Receivers`: exact."""
         points, weights = (np.asarray(v, np.float64) for v in self.places(camera))
-        return over_body(points[weights > 0], np.asarray(frame.light, np.float64))
+        return over_body(points[weights > 0], np.asarray(frame.light, np.float64), frame.is_orthographic)
 
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """See `Receivers`."""
@@ -115,7 +115,8 @@ class WholeFrustum(Receivers):
         if objective.measure == "axis":
             return AxisProfile(camera, frame)
         solid = Solid.uniform(camera.planes(), DENSITY_EXPONENT[objective.measure])
-        return BodyProfile([slab(camera.corner_slopes(), camera.near, camera.far)], solid, camera, frame)
+        box = camera.corners() if camera.is_orthographic else slab(camera.corner_slopes(), camera.near, camera.far)
+        return BodyProfile([np.asarray(box, np.float64)], solid, camera, frame)
 
 
 def _box(camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:

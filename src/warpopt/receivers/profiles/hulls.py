@@ -44,9 +44,14 @@ def slab(edges: ArrayLike, near: Array | float, far: Array | float) -> NDArray:
 
 
 def _in_frame(bodies: list[NDArray], frame: LightFrame) -> list[NDArray]:
-    """Bodies by their vertices, (N, 3): (Z_w . c, X_w . c, z)."""
-    axes = np.stack([*(np.asarray(v, np.float64) for v in (frame.z_axis, frame.x_axis)), [0.0, 0.0, 1.0]], 1)
-    return [np.asarray(vertices, np.float64) @ axes for vertices in bodies if len(vertices)]
+    """Bodies by their vertices, (N, 3): (Z_w . c, X_w . c, z; 1 for z under parallel rays)."""
+    axes = np.stack([np.asarray(v, np.float64) for v in (frame.z_axis, frame.x_axis)], 1)
+    found = []
+    for vertices in (np.asarray(body, np.float64) for body in bodies if len(body)):
+        # What errors are inversely proportional to: 1 for all under parallel rays.
+        z = np.ones(len(vertices)) if frame.is_orthographic else vertices[:, 2]
+        found.append(np.column_stack([vertices @ axes, z]))
+    return found
 
 
 def hull_stretches(bodies: list[NDArray], frame: LightFrame, parts: int) -> Stretches:

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 _FLAT = 1e-9  # of a body's size: thinner ones are polygons
 
 
-def over_body(vertices: NDArray, light: NDArray) -> float:
+def over_body(vertices: NDArray, light: NDArray, parallel: bool = False) -> float:
     """Over a convex body, or a polygon: exact, face by face.
 
     A ray's nearest receiver is where it leaves the body towards smaller z.
@@ -19,6 +19,7 @@ def over_body(vertices: NDArray, light: NDArray) -> float:
     Args:
         vertices: (N, 3) in eye coordinates, z > 0; more than those of the hull may be given.
         light: (3,) unit vector in eye coordinates.
+        parallel: whether all receivers count alike, as under parallel rays: the body's area as the light sees it.
     """
     vertices = np.unique(np.asarray(vertices, np.float64), axis=0)
     if len(vertices) < 3:
@@ -36,7 +37,7 @@ def over_body(vertices: NDArray, light: NDArray) -> float:
         triangles = vertices[hull.simplices[hull.equations[:, :3] @ nearer > 0]]
     first, second, third = np.moveaxis(triangles, 1, 0)
     areas = np.abs(np.cross(second - first, third - first) @ light)
-    return float(areas @ _mean_nearness(np.sort(triangles[..., 2], -1)))
+    return float(areas.sum() / 2 if parallel else areas @ _mean_nearness(np.sort(triangles[..., 2], -1)))
 
 
 def _mean_nearness(z: NDArray) -> NDArray:
@@ -55,14 +56,15 @@ def _mean_nearness(z: NDArray) -> NDArray:
     return np.where(close, 0.5 / middle**2, (slope(a, b) - slope(b, c)) / np.where(close, 1, c - a))
 
 
-def over_points(points: NDArray, light: NDArray, side: float) -> float:
+def over_points(points: NDArray, z: NDArray, light: NDArray, side: float) -> float:
     """Over a set of points that stand for the surfaces between them: in square cells, the finest where z is least.
 
     A cell counts with the least z of its points, so the sum falls to the integral as cells shrink, as long as they are
     not smaller than the gaps between points. Cells of far points have the part of their area that finer cells leave.
 
     Args:
-        points: (N, 3) in eye coordinates, z > 0.
+        points: (N, 3) in eye coordinates.
+        z: (N,) > 0, of which 1/z^2 counts: their eye depths, or ones.
         light: (3,) unit vector in eye coordinates.
         side: of a cell, over the least depth of its octave.
     """
@@ -73,7 +75,6 @@ def over_points(points: NDArray, light: NDArray, side: float) -> float:
     one = np.cross(light, other)
     one /= np.linalg.norm(one)
     plane = points @ np.stack([one, np.cross(light, one)], 1)
-    z = points[:, 2]
     octave = np.floor(np.log2(z)).astype(int)
     plane = plane / (side * 2.0 ** octave.min())  # in cells of the finest octave
     total, unit = 0.0, (side * 2.0 ** octave.min()) ** 2

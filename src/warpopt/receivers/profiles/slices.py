@@ -99,7 +99,8 @@ def body_shares(
         valid[: len(body_edges)],
         slabs,
         frame=frame,
-        powers=(order + exponent, exponent),
+        # Parallel rays: errors do not depend on z, and every measure that is left is the volume.
+        powers=(0.0, 0.0) if frame.is_orthographic else (order + exponent, exponent),
         count=parts,
     )
     W, mass = jax.lax.map(lambda place: jax.vmap(slices)(place[0] + place[1] * share), (starts, lengths))
@@ -109,7 +110,9 @@ def body_shares(
     total, mass = shares.sum(), (mass * steps).sum()
     there = (total > 0) & (mass > 0) & ~flat
     total, mass = (jnp.where(there, v, 1) for v in (total, mass))
-    value = jnp.where(there, frame.density_p * total * power(total / mass, 1 / order), 0)
+    # E_p is mu/z, lengths over `unit` both; under parallel rays it is mu.
+    size = unit if frame.is_orthographic else 1
+    value = jnp.where(there, frame.density_p * size * total * power(total / mass, 1 / order), 0)
     return starts * unit, lengths * unit, shares, value
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..._checks import Numbers, checked, float_arrays, shown
+from ...theory.camera import Camera
 from ..samples import Counted
 
 NAMED = ("uniform", "depth")
@@ -69,7 +70,8 @@ class Weights(eqx.Module):
 
     Args:
         weights: an array of the given shape, >= 0; `EdgeWeights`; "uniform"; or "depth", the eye depth z, which stands
-            for shadow edges where none are known: they crowd in the distance. None means "uniform".
+            for shadow edges where none are known: they crowd in the distance, though not under parallel rays, where all
+            count alike. None means "uniform".
         lit: which receivers the light reaches, of the same shape; others have the weight 0. None means all.
         shape: of the set of receivers.
 
@@ -127,10 +129,12 @@ class Weights(eqx.Module):
         """The normals' components for a kernel that depends on them; None for all but "band", and if there are none."""
         return self.normals if kernel == "band" else None
 
-    def counted(self, points: Float[Array, "N 3"], seen: Bool[Array, " N"], kernel: str | None) -> Counted:
+    def counted(
+        self, points: Float[Array, "N 3"], camera: Camera, seen: Bool[Array, " N"], kernel: str | None
+    ) -> Counted:
         """Points in eye coordinates, one for each weight, with the normals that the kernel depends on."""
         flat = jax.tree.map(jnp.ravel, self)
-        weights, by_depth = flat.of(jnp.where(seen, points[:, 2], 1), seen)
+        weights, by_depth = flat.of(camera.screen_depth(jnp.where(seen, points[:, 2], 1)), seen)
         normals = flat.normals_for(kernel)
         if normals is not None:  # weights by depth stand for edges of all directions
             normals = jnp.where(by_depth, 0, normals[0]), jnp.where(by_depth, 0, normals[1])
