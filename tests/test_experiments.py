@@ -187,6 +187,7 @@ def test_scenes_with_flaws_are_read_right_or_refused(tmp_path, script):
     assert ends["refused"] >= 8
 
 
+@pytest.mark.thorough
 def test_the_fuzz_s_oracles_see_what_is_wrong(tmp_path, script, monkeypatch):
     fuzz = script("fuzz_scenes")
 

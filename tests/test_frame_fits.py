@@ -50,14 +50,23 @@ def test_each_name_fits_what_the_library_computes(scene, frame):
     )  # fmt: skip
     best = warpopt.optimal_warp(weighted, warpopt.Objective("edge"))
     assert fitting.fitted("edge").eta == pytest.approx(float(best.warp.eta), rel=1e-9)
-    # Every judged receiver is in the map, on the side of the light that has w > 0.
-    assert fitting.fitted("turned-storage-inf").promised > 1
-    assert fitting.fitted("shaped-edge").promised >= 1
-    straight = [name for name in DEFAULT if name != "best" and not name.startswith(PREFIXES)]
-    for name in (*straight, "turned-storage-inf", "shaped-edge"):
-        texture = fitting.map_of(fitting.fitted(name)).texture(frame.places)
+    hold_what_is_seen(fitting, [name for name in DEFAULT if name != "best" and not name.startswith(PREFIXES)])
+
+
+def hold_what_is_seen(fitting, names):
+    """Every judged receiver is in the map, on the side of the light that has w > 0."""
+    for name in names:
+        texture = fitting.map_of(fitting.fitted(name)).texture(fitting.frame.places)
         assert texture.min() > -1e-6, name
         assert texture.max() < 1 + 1e-6, name
+
+
+@pytest.mark.thorough
+def test_turned_and_shaped_maps_promise_and_hold_what_is_seen(scene, frame):
+    fitting = Fitting(scene, frame, (64, 64), turn_only_if=1.0)
+    assert fitting.fitted("turned-storage-inf").promised > 1
+    assert fitting.fitted("shaped-edge").promised >= 1
+    hold_what_is_seen(fitting, ["turned-storage-inf", "shaped-edge"])
 
 
 def test_an_engine_fits_the_frustum_cut_by_the_scene(scene, frame):
