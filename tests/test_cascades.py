@@ -89,14 +89,15 @@ def test_no_certificate_is_violated():
     view = FrustumView(frustum, rng.uniform(0, np.pi, count))
     cuts = np.sort(ratio[:, None] ** rng.uniform(0.02, 0.98, (count, 2)), -1)
     chosen = np.concatenate([np.ones((count, 1)), cuts, ratio[:, None]], -1)
-    for overlap in (0.0, 0.2):
-        best = cascades.plan(view, 3, overlap=overlap)
-        any_split = cascades.errors(view, chosen, overlap=overlap)
+    for overlap, shares in ((0.0, None), (0.2, None), (0.0, (1.0, 0.6, 0.3))):
+        best = cascades.plan(view, 3, overlap=overlap, shares=shares)
+        any_split = cascades.errors(view, chosen, overlap=overlap, shares=shares)
         low, high = np.asarray(any_split.lower), np.asarray(any_split.value)
         optimum = np.asarray(best.value)
         assert (low <= optimum * (1 + 1e-9)).all()
         assert (optimum <= high * (1 + 1e-9)).all()
-        np.testing.assert_allclose(best.lower, optimum, rtol=1e-8)  # equal errors: the optimum
+        if shares is None:
+            np.testing.assert_allclose(best.lower, optimum, rtol=1e-8)  # equal errors: the optimum
     assert (high / low).max() > 2  # or nothing would be tested
 
 
@@ -110,8 +111,12 @@ def test_bands_and_shares_balance():
     np.testing.assert_allclose(shared.splits[1:] / shared.splits[:-1], (10.6, 10.6, 2.98, 2.98), rtol=3e-3)
     np.testing.assert_allclose(shared.errors, np.full(4, shared.value), rtol=1e-9)
     # A share too small for any piece of its own is not used.
-    tiny = cascades.plan(view_of(float(np.deg2rad(60)), 50.0), 2, shares=(1.0, 1e-3))
-    assert float(tiny.splits[1]) == pytest.approx(50, rel=1e-2)
+    alone = warpopt.optimal_warp(view_of(float(np.deg2rad(60)), 50.0)).value
+    for shares, at in (((1.0, 1e-3), 50.0), ((1e-3, 1.0), 1.0)):
+        tiny = cascades.plan(view_of(float(np.deg2rad(60)), 50.0), 2, shares=shares)
+        assert float(tiny.splits[1]) == at
+        np.testing.assert_allclose((tiny.value, tiny.lower), alone, rtol=1e-12)
+        assert tiny.lower_because.endswith("for 1 cascades, as many as hold more than one depth")
 
 
 @pytest.mark.parametrize(
@@ -204,8 +209,8 @@ def test_each_cascade_has_its_map():
     empty = cascades.errors(straight, [float(z.min()), 1.01 * float(z.max()), 400.0], Objective("pxq"))
     assert np.isnan(empty.matrices()[0][1]).all()
     assert float(empty.errors[1]) == 0
-    assert np.isnan(empty.lower)
-    assert "no receiver" in empty.lower_because
+    assert float(empty.lower) == float(empty.value)  # one cascade holds something: of one, no split is better
+    assert empty.lower_because.endswith("for 1 cascades, as many as hold more than one depth")
 
 
 def test_pixels_and_bodies_are_split_too():
@@ -233,6 +238,22 @@ def test_pixels_and_bodies_are_split_too():
     box = SceneView(CAMERA, LIGHT, ConvexBody.box((-20, -1, -90), (20, 5, -4)))
     body = cascades.plan(box, 2, Objective())
     assert float(body.lower) <= float(body.value) <= 1.02 * float(body.lower)
+
+
+@pytest.mark.thorough
+def test_maps_that_are_turned_only_for_a_gain_prove_less():
+    """By that factor; without warps each lies along its own warp's direction, which proves nothing."""
+    points = next(sets_of_points(1, 8))
+    view = SceneView(
+        CAMERA, LIGHT, PointReceivers(points), warp_direction="best", turn_only_if=1.5, lateral="free"
+    )  # fmt: skip
+    z = np.sort(np.asarray(CAMERA.to_eye(points))[:, 2])
+    halves = [z[0], (z[3] + z[4]) / 2, z[7]]
+    made = cascades.errors(view, halves, Objective("pxq"))
+    assert float(made.lower) == pytest.approx(float(made.errors.min()) / 1.5, rel=1e-12)
+    plain = cascades.errors(view, halves, Objective("pxq"), warp=False)
+    assert np.isnan(plain.lower)
+    assert "direction of its own" in plain.lower_because
 
 
 @pytest.mark.parametrize("weights", [None, "depth", (1.0, 3.0, 0.5)])
@@ -322,10 +343,14 @@ def test_maps_of_a_scene_are_counted_with_what_each_holds():
     assert float(totals[7]) == pytest.approx(float(each.sum()) + 8 * 0.25, rel=1e-9)
 
 
-def test_gradients_are_those_of_the_optimum():
-    def value(theta, far):
-        return cascades.plan(FrustumView(ViewFrustum(1.0, far, PHI), theta), 3).value
+@pytest.mark.parametrize("shares", [None, (1.0, 0.5, 0.3)])
+def test_gradients_are_those_of_the_optimum(shares):
+    """Also where splits are found by bisection; and compiled, as a part of a user's program."""
 
+    def value(theta, far):
+        return cascades.plan(FrustumView(ViewFrustum(1.0, far, PHI), theta), 3, shares=shares).value
+
+    assert float(jax.jit(value)(1.1, 300.0)) == pytest.approx(float(value(1.1, 300.0)), rel=1e-12)
     found = jax.grad(value, (0, 1))(1.1, 300.0)
     step = 1e-5
     exact = ((value(1.1 + step, 300.0) - value(1.1 - step, 300.0)) / (2 * step),
@@ -348,10 +373,13 @@ ENDLESS = SceneView(warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, f
         (lambda: cascades.plan(VIEW, 0), "count: got 0"), (lambda: cascades.plan(VIEW, 17), "count: got 17"),
         (lambda: cascades.plan(VIEW, 2, overlap=1.0), "overlap"), (lambda: cascades.plan(VIEW, 2, overlap=-1), "over"),
         (lambda: cascades.plan(VIEW, 2, shares=(1, 0)), "shares"), (lambda: cascades.plan(VIEW, 2, shares=(1,)), "sh"),
-        (lambda: cascades.plan(view_of(1.0, 1.1), 2, overlap=0.2), "far/near"),
+        (lambda: cascades.plan(view_of(1.0, 1.1), 2, overlap=0.2), "far: got 1.1, expected far/near > 1.25"),
         (lambda: cascades.plan(CAMERA, 2), "view: got"), (lambda: cascades.plan(VIEW, 2, "p"), "objective"),
         (lambda: cascades.plan(VIEW, 2, warp=1), "warp"), (lambda: cascades.errors(VIEW, [1.0]), "splits: got shape"),
-        (lambda: cascades.errors(VIEW, [1.0, 50, 9, 1000]), "that increase"),
+        (lambda: cascades.errors(VIEW, [1.0, 50, 9, 1000]), "do not fall"),
+        (lambda: cascades.errors(VIEW, [0.5, 50, 1000]), "within the frustum"),
+        (lambda: cascades.errors(VIEW, [1.0, 50, 1001]), "within the frustum"),
+        (lambda: jax.jit(lambda v: cascades.plan(VIEW, 2, overlap=v).value)(0.1), "got a traced overlap"),
         (lambda: cascades.errors(VIEW, [2.0, 50, 1000]), "a first depth"),
         (lambda: cascades.errors(VIEW, [1.0, 50, 900]), "a last depth"),
         (lambda: cascades.errors(VIEW, [1.0, np.nan, 1000]), "splits"),

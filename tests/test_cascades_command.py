@@ -47,7 +47,7 @@ def test_a_frustum_end_to_end(capsys):
     assert invoke(FRUSTUM) == 0
     report = Path("out/report.md").read_text()
     assert "Godot's fractions over the frustum: 72.1 times the best error without warps, 5.26 with" in report
-    assert "they would be balanced if nothing were nearer than 4." in report
+    assert "; with nothing nearer than 4.02 the first cascade would be no longer than the others." in report
     assert "| maps | 1 |" in report
     rows = json.loads(Path("out/cascades.json").read_text())
     view = warpopt.FrustumView(warpopt.ViewFrustum(0.05, 100.0, np.deg2rad(30)), np.deg2rad(60))

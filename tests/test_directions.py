@@ -326,7 +326,8 @@ def test_the_bound_over_a_frustum_is_the_bodies(theta):
 def test_points_stand_for_each_place_once():
     """A near point in a cell of its own, which is a quarter of a far one's: three quarters are left for that."""
     near, far = (0.1, 0.1, 1.0), (0.3, 0.3, 2.0)
-    found = over_points(np.array([near, far]), np.array([0.0, 0.0, 1.0]), 0.5)
+    points = np.array([near, far])
+    found = over_points(points, points[:, 2], np.array([0.0, 0.0, 1.0]), 0.5)
     assert found == pytest.approx(0.5**2 * (1 / 1**2 + (4 - 1) / 2**2), rel=1e-12)
 
 

@@ -89,8 +89,7 @@ def _balanced(view: FrustumView, shares: Array, overlap: Array | float, objectiv
     def error(u: Array) -> Array:  # (..., K): of a piece of ratio exp(u)
         return errors_over_frusta(fixed, jnp.ones_like(u), jnp.exp(u), objective, warp)[0]
 
-    top = error(jnp.broadcast_to(whole[..., None], (*whole.shape, 1)))[..., 0] / scale.min()
-    low, high = jnp.zeros_like(top), top
+    whole_error = error(jnp.broadcast_to(whole[..., None], (*whole.shape, 1)))
 
     def lengths(level: Array) -> Array:
         small = jnp.zeros((*level.shape, len(shares)), level.dtype)
@@ -102,7 +101,9 @@ def _balanced(view: FrustumView, shares: Array, overlap: Array | float, objectiv
             fits = error(middle) <= level[..., None] * scale
             return jnp.where(fits, middle, small), jnp.where(fits, large, middle)
 
-        return jax.lax.fori_loop(0, _STEPS, halved, (small, large))[0]
+        # A bisection from below stops short of the whole, which one map may hold alone.
+        found, _ = jax.lax.fori_loop(0, _STEPS, halved, (small, large))
+        return jnp.where(whole_error <= level[..., None] * scale, large, found)
 
     def tighter(_, ends):
         low, high = ends
@@ -110,12 +111,23 @@ def _balanced(view: FrustumView, shares: Array, overlap: Array | float, objectiv
         enough = lengths(middle).sum(-1) >= whole
         return jnp.where(enough, low, middle), jnp.where(enough, middle, high)
 
-    low, high = jax.lax.fori_loop(0, _STEPS, tighter, (low, high))
-    u = lengths(high)
-    u = u * (whole / u.sum(-1))[..., None]  # rounding of the two bisections
+    top = whole_error[..., 0] / scale.min()
+    _, high = jax.lax.fori_loop(0, _STEPS, tighter, (jnp.zeros_like(top), top))
+    u = jax.lax.stop_gradient(lengths(high))
+    # A Newton step of "all errors equal, all lengths the whole": of the bisections' rounding, and with their derivative
+    # (the implicit function theorem). A map that would exceed the level alone stays unused, at length 0.
+    used = jnp.exp(u) > 1
+    u = jnp.where(used, u, 0)
+    slopes = jax.lax.stop_gradient(jax.jvp(error, (u,), (jnp.ones_like(u),))[1])
+    inverse = jnp.where(used, scale / jnp.where(used, slopes, 1), 0)
+    values = error(u) / scale
+    level = (whole - (u - values * inverse).sum(-1)) / inverse.sum(-1)
+    u = u + (level[..., None] - values) * inverse
     ends = jnp.cumsum(u, -1) + jnp.arange(len(shares)) * jnp.log1p(-overlap)
     made = near[..., None] * jnp.exp(jnp.concatenate([jnp.zeros_like(ends[..., :1]), ends], -1))
-    return made.at[..., -1].set(far)
+    # What is left by rounding before the far plane is no map of its own.
+    last = far[..., None]
+    return jnp.where(made >= last * (1 - 64 * jnp.finfo(made.dtype).eps), last, made).at[..., -1].set(far)
 
 
 def splits_of_means(

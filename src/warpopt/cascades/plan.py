@@ -30,8 +30,10 @@ class Plan(eqx.Module):
         warps: the best `Warp` of each cascade, (..., K); eta = 1 without warps.
         errors: (..., K) each cascade's error over its share of linear resolution (to the metric's power); 0 for a
             cascade without receivers.
-        value: the largest of them; for an L_P norm, that over all receivers, sum and measure common to all cascades.
-        lower: what no split of as many cascades can better (theory2's Theorem 2); NaN where that is not proved.
+        value: the largest of them; for an L_P norm, that over all receivers, sum and measure common to all cascades
+            (with overlaps each counts as its own range does, with the mean over its whole map).
+        lower: what no split of as many cascades can better (theory2's Theorem 2), counting those that hold more than one
+            depth; NaN where that is not proved.
         lower_because: why `lower` holds, or does not.
         solutions: over a scene, each cascade's `SceneSolution`, stacked; None over a frustum.
         views: over a scene, each cascade's view; None over a frustum.
@@ -65,7 +67,8 @@ class Plan(eqx.Module):
         Args:
             clip_space, casters, padding: as for `shadow_matrix`.
             fit: "tight", about the cascade's receivers, with its warp; "sphere", as engines hold their maps still: an
-                unwarped square about the sphere around the piece of the camera's frustum, moved by whole texels.
+                unwarped square about the sphere around the piece of the camera's frustum, moved by whole texels (as
+                long as the splits stay: see `splits.stepped`).
                 `sphere_texels` says what that costs.
             texels: along each side of a map, for "sphere", which has no padding.
 
@@ -111,8 +114,8 @@ def plan(
         count: cascades, 1 to 16; 1 is `optimal_warp`.
         objective: what the splits minimise. None: E_p in L-inf; but over a scene the logarithmic split of the
             receivers' range, rated by that, which rendered pixels favour over the best splits of E_p
-            (docs/cascades.md), and equal lengths for an orthographic camera; where the receivers have weights of
-            their own, such as edges', "edge".
+            (docs/cascades.md), and equal lengths for an orthographic camera (of equal maps without overlap); where
+            the receivers have weights of their own, such as edges', "edge".
         overlap: each cascade but the first begins at (1 - overlap) of its split, in [0, 1).
         shares: (K,) of each cascade's linear resolution, > 0; equal if None.
         warp: whether cascades are warped.
@@ -132,7 +135,8 @@ def plan(
     goal, band, parts = _checked(view, count, Objective("edge") if by_edges else objective, overlap, shares, warp)
     if isinstance(view, FrustumView):
         near, far = ends_of(view)
-        _refuse_thin(near, far, band)
+        if count > 1:
+            _refuse_thin(near, far, band)
         if count > 1 and not goal.supremum:
             made = splits_of_means(view, goal, parts, band, warp)
         elif (parts == parts[0]).all():
@@ -145,9 +149,10 @@ def plan(
             made = splits_of_shares(view, goal, parts, band, warp)
     else:
         least, largest = depth_range(view)
-        if float(least) < float(largest):
+        if count > 1 and float(least) < float(largest):
             _refuse_thin(least, largest, band)
-        if objective is None and not by_edges and float(least) < float(largest) < np.inf:
+        plain = not band and bool((parts == parts[0]).all())
+        if objective is None and not by_edges and plain and float(least) < float(largest) < np.inf:
             made = (uniform if view.camera.is_orthographic else logarithmic)(least, largest, count)
         else:
             made = splits_of_scene(view, (least, largest), count, goal, parts, band, warp)
@@ -170,7 +175,7 @@ def errors(
     Args:
         view, overlap, shares, warp: as for `plan`.
         objective: E_p in L-inf if None.
-        splits: (..., K + 1) view depths, increasing, that cover the frustum or the receivers.
+        splits: (..., K + 1) view depths that do not fall, and cover the receivers, or the frustum exactly.
 
     Raises:
         ValueError: splits that do not increase, or that leave receivers out.
@@ -188,12 +193,13 @@ def errors(
     splits = checked(
         "splits", splits,
         lambda z: (z > 0) & (z < jnp.inf) & jnp.concatenate([z[..., 1:] >= z[..., :-1], z[..., :1] > 0], -1),
-        "positive depths that increase",
+        "positive depths that do not fall",
     )  # fmt: skip
     goal, band, parts = _checked(view, splits.shape[-1] - 1, objective, overlap, shares, warp)
     if isinstance(view, SceneView) and splits.ndim != 1:
         raise ValueError(f"splits: got shape {splits.shape}, expected (K + 1,) over a scene: one call for each")
-    _refuse_outside(splits, *(ends_of(view) if isinstance(view, FrustumView) else depth_range(view)))
+    whole = isinstance(view, FrustumView)
+    _refuse_outside(splits, *(ends_of(view) if whole else depth_range(view)), whole)
     return _plan_of(view, splits, goal, band, parts, warp, False)
 
 
@@ -217,8 +223,14 @@ def _plan_of(
     each = solutions.value if warp else solutions.unwarped
     aside = view.lateral != "free" and bool((solutions.footprint.axis != 0).any())
     needs_axis = any(term.beta for term in goal.terms)
-    why = _ASIDE if aside and needs_axis else _SINGLE if view.warp_direction in ("gradient", "middle") else _SCENE
-    return _assembled(splits, starts, warps, each, goal, parts, mass, why, views, solutions)
+    # Without a warp a map lies along the direction that is best with one: its own, and not its best.
+    alone = view.warp_direction in ("gradient", "middle") or (view.searched and not warp)
+    why = _ASIDE if aside and needs_axis else _SINGLE if alone else _SCENE
+    made = _assembled(splits, starts, warps, each, goal, parts, mass, why, views, solutions)
+    if not view.searched:
+        return made
+    # A map that is turned only if that gains a factor may have an error larger than its best by as much.
+    return eqx.tree_at(lambda p: p.lower, made, made.lower / jnp.maximum(view.turn_only_if, 1).astype(made.lower.dtype))
 
 
 _FRUSTUM = "errors grow with what a cascade holds, so any split certifies itself (Theorem 2)"
@@ -242,7 +254,12 @@ def _assembled(splits, starts, warps, each, objective, shares, mass, why, views,
     # An empty cascade proves nothing for as many: the certificate is for those that hold something.
     lower = jnp.where(proved & (over > 0).all(-1), over.min(-1), jnp.nan)
     if proved and not is_traced(over) and not np.all(np.asarray(over > 0)):
-        why = "not proved: a cascade holds no receiver, or only one depth"
+        held = np.unique(np.asarray((over > 0).sum(-1)))
+        if len(held) == 1 and held[0] > 0:
+            lower = jnp.where(over > 0, over, jnp.inf).min(-1)
+            why = f"{why}; for {held[0]} cascades, as many as hold more than one depth"
+        else:
+            why = "not proved: no cascade holds more than one depth, or not as many in each plan"
     return Plan(splits, starts, warps, over, value, lower, why, solutions, views)
 
 
@@ -257,21 +274,28 @@ def _checked(
         raise ValueError(f"objective: got {objective!r}, expected a warpopt.Objective")
     if isinstance(view, FrustumView):
         objective.metric  # noqa: B018, raises: one term
-    (overlap,) = float_arrays(overlap=overlap)
-    overlap = float(checked("overlap", overlap, lambda v: (v >= 0) & (v < 1), "a number in [0, 1)"))
-    (shares,) = float_arrays(shares=np.ones(count) if shares is None else shares)
-    if shares.shape != (count,):
-        raise ValueError(f"shares: got shape {shares.shape}, expected ({count},), one for each cascade")
-    shares = checked("shares", shares, lambda v: (v > 0) & (v < jnp.inf), "finite numbers > 0")
-    return objective, overlap, np.asarray(shares)
+    # Settings: numbers of the host, also while the view is traced.
+    if is_traced(overlap, shares):
+        raise ValueError("cascades: got a traced overlap or share, expected numbers: they are settings")
+    with jax.ensure_compile_time_eval():
+        (overlap,) = float_arrays(overlap=overlap)
+        overlap = float(checked("overlap", overlap, lambda v: (v >= 0) & (v < 1), "a number in [0, 1)"))
+        (shares,) = float_arrays(shares=np.ones(count) if shares is None else shares)
+        if shares.shape != (count,):
+            raise ValueError(f"shares: got shape {shares.shape}, expected ({count},), one for each cascade")
+        shares = checked("shares", shares, lambda v: (v > 0) & (v < jnp.inf), "finite numbers > 0")
+        return objective, overlap, np.asarray(shares)
 
 
 def _refuse_thin(near: Array, far: Array, overlap: float) -> None:
-    checked("overlap", jnp.asarray(far / near), lambda r: r * (1 - overlap) > 1, "far/near (1 - overlap) > 1")
+    checked(
+        "far", jnp.asarray(far / near), lambda r: r * (1 - overlap) > 1,
+        f"far/near > {1 / (1 - overlap):.6g}, so that cascades that overlap by {overlap:g} fit",
+    )  # fmt: skip
 
 
-def _refuse_outside(splits: Array, near: Array, far: Array) -> None:
-    """Splits that leave out something of the frustum, or of the receivers."""
+def _refuse_outside(splits: Array, near: Array, far: Array, exact: bool) -> None:
+    """Splits that leave out something of the frustum, or of the receivers; `exact`: or that hold more than it."""
     slack = 64 * jnp.finfo(splits.dtype).eps
     known = not is_traced(near, far)
     there = ~(near > far)  # no receivers
@@ -284,3 +308,9 @@ def _refuse_outside(splits: Array, near: Array, far: Array) -> None:
         "splits", jnp.stack(jnp.broadcast_arrays(last, far)), lambda v: ~there | (v[0] >= v[1] * (1 - slack)),
         f"a last depth at least {np.asarray(far).max():g}, where receivers end" if known else "a farther last depth",
     )  # fmt: skip
+    if exact:  # a piece of no frustum has errors of its own, which prove nothing
+        ends = jnp.stack(jnp.broadcast_arrays(first, last, near, far))
+        checked(
+            "splits", ends, lambda v: (v[0] >= v[2] * (1 - slack)) & (v[1] <= v[3] * (1 + slack)),
+            "first and last depths within the frustum",
+        )  # fmt: skip

@@ -21,13 +21,13 @@ def sphere_texels(view: FrustumView | SceneView, splits: Numbers) -> Float[Array
 
     Args:
         view: a `FrustumView`, of any shape, whose window is as wide as high; or a `SceneView`.
-        splits: (..., K + 1) view depths, increasing.
+        splits: (..., K + 1) view depths that do not fall.
 
     Returns:
         (..., K); inf for a cascade without receivers, or with all in one line along the light.
 
     Raises:
-        ValueError: splits that are not finite, positive and increasing.
+        ValueError: splits that are not finite and positive, or that fall.
 
     Example:
         >>> import warpopt
@@ -43,19 +43,20 @@ def sphere_texels(view: FrustumView | SceneView, splits: Numbers) -> Float[Array
         raise ValueError(f"splits: got shape {splits.shape}, expected (K + 1,) over a scene: one call for each")
     splits = checked(
         "splits", splits,
-        lambda z: (z > 0) & (z < jnp.inf) & jnp.concatenate([z[..., 1:] > z[..., :-1], z[..., :1] > 0], -1),
-        "finite positive depths that increase",
+        lambda z: (z > 0) & (z < jnp.inf) & jnp.concatenate([z[..., 1:] >= z[..., :-1], z[..., :1] > 0], -1),
+        "finite positive depths that do not fall",
     )  # fmt: skip
     starts, ends = splits[..., :-1], splits[..., 1:]
     if isinstance(view, FrustumView):
-        frustum, theta = pieces(view, starts, ends)
+        there = ends > starts
+        frustum, theta = pieces(view, starts, jnp.where(there, ends, 2 * starts))
         part = FrustumView(frustum, theta)
         slope = jnp.tan(frustum.half_fov)
         # Corners at slopes (1, 1) tan(phi): the sphere about near and far corners, or about the far plane.
         growth = 2 * slope**2
         middle = jnp.minimum((ends + starts) * (1 + growth) / 2, ends)
         radius = jnp.hypot(ends - middle, jnp.sqrt(growth) * ends)
-        return (2 * radius) ** 2 / (part.mu * 2 * ends * slope)
+        return jnp.where(there, (2 * radius) ** 2 / (part.mu * 2 * ends * slope), jnp.inf)
     return _over_scene(one_light(view), starts, ends)
 
 

@@ -32,10 +32,10 @@ def sphere_matrix(
         texels: along each side of the map.
         clip_space, casters, depth_clamp: as for `shadow_matrix`.
         near, far: the view depths of the piece of the camera's frustum that the sphere is about; the camera's planes,
-            or the farthest receiver if far is inf, by default.
+            by default; the farthest receiver for far = inf.
 
     Raises:
-        ValueError: texels that are no whole number >= 2, depths without 0 < near < far < inf, or as `shadow_matrix`.
+        ValueError: texels that are no whole number >= 2, depths without 0 < near < far, or as `shadow_matrix`.
 
     Example:
         >>> import warpopt

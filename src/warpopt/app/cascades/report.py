@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..common.words import markdown_pictures, markdown_table
+from .rows import objective_of
 
 if TYPE_CHECKING:
     from ..inputs.scene_files import SceneInput
@@ -14,8 +15,9 @@ if TYPE_CHECKING:
 
 TITLES = {
     "best": "the best", "stepped": "the best, in steps", "logarithmic": "logarithmic", "practical": "practical, 0.5",
-    "uniform": "uniform", "godot": "Godot's fractions", "unity": "Unity's fractions", "unreal": "Unreal's exponent 3",
-    "bevy": "Bevy's, first to 10", "three": "three.js's practical split", "filament": "Filament's halvings",
+    "uniform": "uniform", "godot": "Godot's fractions", "unity": "Unity's fractions",
+    "unreal": "Unreal's exponent 3 (by repute)", "bevy": "Bevy's, first to 10", "three": "three.js's practical split",
+    "filament": "Filament's halvings",
 }  # fmt: skip
 _SHOWN = 8  # numbers of maps in the table of texels
 _ENGINES = ("godot", "unity", "unreal", "bevy", "three", "filament")
@@ -32,7 +34,7 @@ def cascades_report(
         mine = [row for row in rows if row.camera == camera]
         if len({row.camera for row in rows}) > 1:
             parts.append(f"## Camera {camera}\n")
-        parts += [_best(mine), _steps(mine, asked.step), *_worst(mine), _table(mine)]
+        parts += [_best(mine, not objective_of(config).supremum), _steps(mine, asked.step), *_worst(mine), _table(mine)]
     if numbers or texels:
         parts.append("## How many\n")
     if numbers:
@@ -53,12 +55,13 @@ def spanned(values: "list[float]", digits: int = 3) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _best(rows: "list[Row]") -> str:
-    """A camera's best splits, under all its lights."""
+def _best(rows: "list[Row]", mean: bool) -> str:
+    """A camera's best splits, under all its lights; `mean`: by a mean, not a maximum."""
     best = [row for row in rows if row.name == "best" and row.warped == rows[0].warped]
     depths = ", ".join(spanned([float(row.plan.splits[k]) for row in best], 5) for k in range(len(best[0].plan.splits)))
-    words = f"The best splits are at {depths}; the error is {spanned([float(r.plan.value) for r in best], 4)} (largest"
-    words += " of the cascades')" + (f", over {len(best)} lights. " if len(best) > 1 else ". ")
+    over = "mean over all receivers" if mean else "largest of the cascades'"
+    words = f"The best splits are at {depths}; the error is {spanned([float(r.plan.value) for r in best], 4)} ({over}"
+    words += f", over {len(best)} lights). " if len(best) > 1 else "). "
     lower = [float(row.plan.lower) for row in best]
     reasons = dict.fromkeys(row.plan.lower_because for row, v in zip(best, lower, strict=True) if not np.isfinite(v))
     if not reasons:
@@ -94,8 +97,10 @@ def _worst(rows: "list[Row]") -> list[str]:
         plain, warped = ([row.lost for row in alike if row.warped == warp] for warp in (False, True))
         words = f"- {TITLES[first.name]} over the {_range(first)}: {spanned(plain)} times the best error without warps"
         words += f", {spanned(warped)} with" if warped else ""
-        nearest = spanned([row.balanced_from for row in alike])
-        told.append(f"{words}; they would be balanced if nothing were nearer than {nearest}.\n")
+        if all(row.balanced_from > float(row.plan.splits[0]) for row in alike):
+            words += "; with nothing nearer than " + spanned([row.balanced_from for row in alike])
+            words += " the first cascade would be no longer than the others"
+        told.append(f"{words}.\n")
     return told
 
 

@@ -81,6 +81,8 @@ def _rows(config: Config, scene: SceneInput | None, camera: int, light: int, vie
         rows.append(Row(camera, light, BEST, "receivers", False, plain, value))
     if asked.step is not None and near < far:
         made = splits.stepped(best.splits, asked.step)
+        if scene is None:  # a whole frustum ends at its planes
+            made = np.clip(np.asarray(made), near, far)
         for warped in (True, False) if asked.warp else (False,):
             told = warpopt.cascades.errors(view, made, objective, warp=warped, **more)
             rows.append(Row(camera, light, STEPPED, "receivers", warped, told, value))
@@ -109,7 +111,7 @@ def _write(config: Config, scene: SceneInput | None, rows: list[Row], numbers: l
             each = k, plan.starts[k], plan.splits[k + 1], plan.warps.eta[k], plan.errors[k]
             lines.append([*same, *map(finite_or_none, each)])
     write_csv(folder / "cascades.csv", COLUMNS, lines)
-    write_json(folder / "cascades.json", [_record(row, scene) for row in rows])
+    write_json(folder / "cascades.json", [_record(row, scene, config.cascades.warp) for row in rows])
     if numbers:
         lines = [
             (scheme.name, warped, maps, value)
@@ -120,7 +122,8 @@ def _write(config: Config, scene: SceneInput | None, rows: list[Row], numbers: l
         write_csv(folder / "counts.csv", ("splits", "warped", "maps", "over_best"), lines)
 
 
-def _record(row: Row, scene: SceneInput | None) -> dict[str, Any]:
+def _record(row: Row, scene: SceneInput | None, warp: bool) -> dict[str, Any]:
+    """What JSON has of a row; of the best splits OpenGL's matrices too, with the scene's triangles as casters."""
     plan = row.plan
     told = {
         "camera": row.camera, "light": row.light, "splits_by": row.name, "over": row.over, "warped": row.warped,
@@ -131,8 +134,8 @@ def _record(row: Row, scene: SceneInput | None) -> dict[str, Any]:
     }  # fmt: skip
     if scene is not None:
         told["direction"] = list(scene.lights[row.light])
-    if plan.views is not None and row.name == BEST and row.warped:
-        matrices, _ = plan.matrices()
+    if scene is not None and row.name == BEST and row.warped == warp:
+        matrices, _ = plan.matrices(casters=scene.triangles)
         told["matrices"] = [m.tolist() if np.isfinite(m).all() else None for m in np.asarray(matrices)]
     return told
 
