@@ -32,8 +32,8 @@ class Plan(eqx.Module):
             cascade without receivers.
         value: the largest of them; for an L_P norm, that over all receivers, sum and measure common to all cascades
             (with overlaps each counts as its own range does, with the mean over its whole map).
-        lower: what no split of as many cascades can better (theory2's Theorem 2), counting those that hold more than one
-            depth; NaN where that is not proved.
+        lower: what no split of as many cascades can better (theory2's Theorem 2), counting those that hold more than
+            one depth; NaN where that is not proved.
         lower_because: why `lower` holds, or does not.
         solutions: over a scene, each cascade's `SceneSolution`, stacked; None over a frustum.
         views: over a scene, each cascade's view; None over a frustum.
