@@ -85,6 +85,7 @@ def test_the_best_aspect_is_a_scan_s():
     assert chosen.max() > 1.1
 
 
+@pytest.mark.thorough
 def test_max_with_the_best_aspect_is_the_root_of_storage():
     """max E_p and max E_q are equal there, and their product is the storage's least."""
     _, world, lights, _ = (v[:FEW] for v in sets())

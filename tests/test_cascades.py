@@ -140,6 +140,45 @@ def test_means_have_other_splits(metric, measure, degrees, lost, at):
         np.testing.assert_allclose(one, warpopt.optimal_warp(view, objective).value, rtol=1e-12)
 
 
+def test_equal_ratios_need_the_fewest_texels():
+    """Theorem 6: without warps always; with them within 2.6 %, here of 24 other chains of two maps."""
+    rng = np.random.default_rng(6)
+    theta = float(np.deg2rad(60))
+    ratio = 100.0
+
+    def plain(cuts):  # (max E_p)(max E_q) is proportional to mu times the far width over near squared
+        depths = np.concatenate([np.ones((len(cuts), 1)), ratio ** np.sort(cuts), np.full((len(cuts), 1), ratio)], 1)
+        near, far = depths[:, :-1], depths[:, 1:]
+        mu = np.asarray(FrustumView(ViewFrustum(near, far, PHI), theta).mu)
+        return (mu * far / near**2).sum(1)
+
+    assert plain(rng.uniform(0.01, 0.99, (10_000, 2))).min() >= plain(np.array([[1 / 3, 2 / 3]]))[0]
+    scene, storage = cascades.counts.in_world(view_of(theta, ratio)), Objective("storage")
+    needs = [
+        float(cascades.errors(scene, [1.0, ratio**u, ratio], storage).errors.sum())
+        for u in (0.5, *np.linspace(0.05, 0.95, 24))
+    ]
+    assert min(needs) >= needs[0] / 1.026
+
+
+def test_the_best_chain_of_a_mean_is_stationary():
+    """Theorem 7 with h = 1: G'(u_k) e^(-u_k) = G'(u_k+1) - G(u_k+1), G the mean times the measure of a piece of ratio
+    e^u, from `optimal_warp` of frusta; its derivative by differences."""
+    objective = Objective("p", "l2", "screen")
+    plan = cascades.plan(view_of(float(np.deg2rad(90))), 4, objective)
+    u = np.diff(np.log(np.asarray(plan.splits)))
+    step = 1e-4
+
+    def g(u):
+        frustum = ViewFrustum(np.ones_like(u), np.exp(u), PHI)
+        value = np.asarray(warpopt.optimal_warp(FrustumView(frustum, float(np.deg2rad(90))), objective).value)
+        return value**2 * np.expm1(u)  # dm = dz
+
+    slope = (g(u + step) - g(u - step)) / (2 * step)
+    left, right = slope[:-1] * np.exp(-u[:-1]), slope[1:] - g(u)[1:]
+    np.testing.assert_allclose(left, right, rtol=2e-3)  # splits are found to 1e-4 of their interval
+
+
 def sets_of_points(count: int, size: int):
     rng = np.random.default_rng(9)
     for _ in range(count):

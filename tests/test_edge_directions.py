@@ -110,6 +110,7 @@ def bounds_at(norm, eta):
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.thorough("0")
 def test_cells_of_a_buffer_are_its_pixels_within_the_bound(seed):
     depth, edges, points, weights, across = hills_of(seed)
     rng = np.random.default_rng(seed)

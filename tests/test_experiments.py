@@ -290,6 +290,15 @@ def test_a_window_that_keeps_costs_a_pass(tmp_path, main, capsys):
 
 
 @pytest.mark.thorough
+def test_plans_are_timed_beside_one_solve(tmp_path, main, capsys):
+    main("cascade_cost", "--short", "--directory", str(tmp_path))
+    told = json.loads((tmp_path / "cascade_cost.json").read_text())
+    assert set(told) == {"frusta, p", "frusta, pxq", "pixels, p", "pixels, storage"}
+    assert all(0 < ratio < 1000 for ratio in told.values())  # the bars are for full sizes on an idle machine
+    assert "times one optimal_warp" in capsys.readouterr().out
+
+
+@pytest.mark.thorough
 def test_figure_3_is_drawn(tmp_path, main, capsys):
     pytest.importorskip("embreex")
     main("figure3", "--short", "--image", str(tmp_path / "figure3.png"))

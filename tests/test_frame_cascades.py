@@ -119,6 +119,7 @@ def test_cascades_have_a_smaller_error_than_one_map(fitting):
 
 
 @pytest.mark.parametrize("name", ["2-logarithmic-sphere", "window-2-logarithmic-none"])
+@pytest.mark.thorough("window-2-logarithmic-none")
 def test_along_a_path_spheres_and_windows_hold_still(fitting, name):
     """A walk of four frames: while splits stay and nothing is fitted anew, almost no verdict changes; fitted in each
     frame, many do. Splits are at powers of the step."""

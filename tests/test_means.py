@@ -104,6 +104,7 @@ def sets():
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES, ids=NAMES)
+@pytest.mark.thorough("band, norm l1")
 def test_the_optimum_is_brute_force_s(objective):
     """300 sets each. The grid's least value is above the optimum by its spacing; the value must be exact at eta."""
     points, weights, lights = sets()
@@ -314,6 +315,7 @@ OVER_CELLS = [o for o in OBJECTIVES if o.name != "band"]
 
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("objective", OVER_CELLS, ids=lambda o: o.title)
+@pytest.mark.thorough("E_max, norm l2-0")
 def test_cells_of_a_buffer_are_its_pixels_within_the_bound(objective, seed):
     depth, lit = hills(seed)
     rng = np.random.default_rng(seed)

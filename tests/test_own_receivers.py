@@ -59,6 +59,7 @@ def verbs(view, objective):
     return [*numbers, warpopt.error_norm(view, warp, objective), warpopt.shadow_matrix(view, solution)]
 
 
+@pytest.mark.thorough
 def test_a_kind_that_only_knows_its_footprint_has_the_numbers_of_the_kind_it_wraps():
     """Killed: a verb that asks which kind receivers are, and takes another path for one that it does not know."""
     box = KINDS["box"]

@@ -98,6 +98,7 @@ def solved_of(text: str):
         ("whole_frustum = {}", "q"),
     ],
 )
+@pytest.mark.thorough("depth = { files = 'ground.npy' }-max")
 def test_the_maps_worst_pixel_is_the_norm(folder, receivers, metric):
     """The norm is the maximum over receivers, or over groups of them; pixels are a sample of what it is over."""
     np.save("ground.npy", ground())

@@ -35,6 +35,7 @@ def receivers(dtype):
         ("buffer", "p", "l2"),
     ],
 )
+@pytest.mark.thorough("frustum-pxq-l2", "points-pxq-inf")
 def test_single_precision_is_as_good_as_its_rounding(kind, metric, norm):
     """f/n = 1e3. Depths along Z_w are differences of lengths of order f, so that delta has an error of eps f/mu, and A
     one of eps/eta, relatively: eta is at least 1e-3 here. The warp's value may exceed the minimum by its square.

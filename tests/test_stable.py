@@ -495,6 +495,7 @@ def test_one_of_several_windows_refits_at_a_time():
         window.stagger(window.start())
 
 
+@pytest.mark.thorough
 def test_what_is_minimised_follows_from_what_is_known():
     """Edges: the objective "edge" over their weights; receivers with weights: "band"; bodies: storage."""
     weights = np.random.default_rng(2).random(64)
