@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 TITLES = {
     "best": "the best", "stepped": "the best, in steps", "logarithmic": "logarithmic", "practical": "practical, 0.5",
     "uniform": "uniform", "godot": "Godot's fractions", "unity": "Unity's fractions",
-    "unreal": "Unreal's exponent 3 (by repute)", "bevy": "Bevy's, first to 10", "three": "three.js's practical split",
+    "unreal": "Unreal's exponent 3", "bevy": "Bevy's, first to 10", "three": "three.js's practical split",
     "filament": "Filament's halvings",
 }  # fmt: skip
 _SHOWN = 8  # numbers of maps in the table of texels
@@ -95,7 +95,8 @@ def _worst(rows: "list[Row]") -> list[str]:
         if first.name not in _ENGINES:
             continue
         plain, warped = ([row.lost for row in alike if row.warped == warp] for warp in (False, True))
-        words = f"- {TITLES[first.name]} over the {_range(first)}: {spanned(plain)} times the best error without warps"
+        name = TITLES[first.name] + (" (by repute)" if first.name == "unreal" else "")
+        words = f"- {name} over the {_range(first)}: {spanned(plain)} times the best error without warps"
         words += f", {spanned(warped)} with" if warped else ""
         if all(row.balanced_from > float(row.plan.splits[0]) for row in alike):
             words += "; with nothing nearer than " + spanned([row.balanced_from for row in alike])
