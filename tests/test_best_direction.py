@@ -60,6 +60,7 @@ def test_the_best_direction_is_exhaustive_search_s(objective):
     np.testing.assert_allclose((np.asarray(found.direction) * sets()[2][:FEW]).sum(1), 0, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_best_aspect_is_a_scan_s():
     """No aspect of 33, with any of 200 eta, gives less, beyond the alternation's 0.2 %; texels are as many."""
     _, world, lights, _ = (v[:FEW] for v in sets())
@@ -127,6 +128,7 @@ def of_cells_and_receivers(sketch, receivers, frame):
     return [(f.start, f.start + f.mu, sum(f.half_widths(1.0)), sum(f.half_widths(0.3))) for f in footprints]
 
 
+@pytest.mark.thorough
 def test_pixels_are_searched_as_their_cells():
     """A depth buffer: the sketch holds every pixel, and the direction is as good as that of the pixels as points."""
     rng = np.random.default_rng(2)
@@ -273,6 +275,7 @@ def test_degenerate_cases(how, points, light, outcome):
         assert found.value <= found.unturned * (1 + 1e-12)
 
 
+@pytest.mark.thorough
 def test_a_plane_seen_edge_on_or_behind():
     """A plane behind the camera, through the eye, and along the light."""
     for normal, offset, light in (

@@ -252,6 +252,7 @@ def test_each_cascade_has_its_map():
     assert empty.lower_because.endswith("for 1 cascades, as many as hold more than one depth")
 
 
+@pytest.mark.thorough
 def test_pixels_and_bodies_are_split_too():
     # More pixels than are taken one by one: cells are split, and the plan holds for the pixels themselves.
     many = np.geomspace(3, 60, 80)[::-1, None] * np.ones((80, 64))

@@ -117,6 +117,7 @@ def test_every_light_of_a_path_has_its_plan_from_one_program():
         assert {line["light"] for line in csv.DictReader(file)} == {"0", "1", "2"}
 
 
+@pytest.mark.thorough
 def test_the_screen_is_drawn_by_cascade():
     """Each pixel in its own map: the largest error of a cascade's pixels is the plan's for it."""
     np.save("depth.npy", ground()[::3, ::3])  # few enough to be taken one by one

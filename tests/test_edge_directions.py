@@ -34,6 +34,7 @@ def solver():
     return jax.jit(jax.vmap(lambda *each: optimal_warp(view_of(*each), BAND, throw=False)))
 
 
+@pytest.mark.thorough
 def test_the_optimum_over_edges_of_known_directions_is_brute_force_s():
     """300 sets. The grid's least value is above the optimum by its spacing; the value must be exact at eta."""
     points, weights, lights = sets()

@@ -65,6 +65,7 @@ def test_a_receiver_reads_the_cascade_of_its_depth(fitting):
             CascadedMap(frame.camera, tuple(wrong[0]), wrong[1])
 
 
+@pytest.mark.thorough
 def test_fits_are_the_library_s_plan_and_hold_every_receiver(fitting):
     """Also the best direction of each, at as many texels together, and engines' ranges."""
     frame = fitting.frame

@@ -30,6 +30,7 @@ def frame(scene):
     return see(scene, camera_at((3, 4, 9), (0, 0.5, 0), aspect=96 / 60), 60, 96)
 
 
+@pytest.mark.thorough
 def test_each_name_fits_what_the_library_computes(scene, frame):
     fitting = Fitting(scene, frame, (64, 64), turn_only_if=1.0)
     camera = fitting.view("depth").camera
@@ -69,6 +70,7 @@ def test_turned_and_shaped_maps_promise_and_hold_what_is_seen(scene, frame):
     hold_what_is_seen(fitting, ["turned-storage-inf", "shaped-edge"])
 
 
+@pytest.mark.thorough
 def test_an_engine_fits_the_frustum_cut_by_the_scene(scene, frame):
     engine = Fitting(scene, frame, (64, 64), "engine")
     view = warpopt.SceneView(

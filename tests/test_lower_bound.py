@@ -394,6 +394,7 @@ def test_bodies_have_the_frustums_limit_in_l_p(degrees):
         assert found == pytest.approx(exact, rel=tolerance)
 
 
+@pytest.mark.thorough
 def test_a_bodys_limit_in_l_p_has_derivatives_in_both_dtypes():
     """Centred differences; at special directions finite; single precision to a few hundred eps; flat and empty: 0."""
 

@@ -43,6 +43,7 @@ def test_bad_scenes_are_refused():
         made_scene("city", -1)
 
 
+@pytest.mark.thorough
 def test_a_command_reads_them(tmp_path, monkeypatch):
     """`warpopt scene` over a corridor: its cameras come from the seed."""
     monkeypatch.chdir(tmp_path)

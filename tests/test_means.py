@@ -502,6 +502,7 @@ def _by_depth(kind):
     return DepthHistogram(plain.edges, plain.counts, "depth")
 
 
+@pytest.mark.thorough
 def test_a_histogram_is_the_points_it_stands_for():
     """Against a dense sample; the extents of a slab are its corners', so that no bin is taken wider than it is."""
     # The last bins are empty: as many as in the next test, whose programs these are.
@@ -555,6 +556,7 @@ def test_gradients_are_those_of_differences():
     np.testing.assert_allclose(backwards, jacobian, rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_gradients_reach_the_pixels():
     depth, lit = hills(1)
     light = DirectionalLight((0.3, -1, -0.4))

@@ -96,6 +96,7 @@ def test_matrices_are_finite_and_hold_the_receivers(space):
     np.testing.assert_allclose(np.ptp(inside, 0)[:2], 2, rtol=0.05)  # and fill the map
 
 
+@pytest.mark.thorough
 def test_single_precision_without_a_far_plane():
     """Guards the decoding's form: near / (shallow v + (1 - v)) has no difference of large terms."""
     depth = encoded(ground(), "reversed", np.inf).astype(np.float32)
@@ -110,6 +111,7 @@ def test_single_precision_without_a_far_plane():
 
 
 @pytest.mark.parametrize("kind", ["standard", "box"])
+@pytest.mark.thorough("standard")
 def test_gradients_are_finite_without_a_far_plane(kind):
     """Guards the double where of `far_plane` and of the decoding: far = inf has the derivative 0, not NaN."""
     standard = DepthBuffer(encoded(ground(), "standard", np.inf), "standard")

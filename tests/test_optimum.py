@@ -101,6 +101,7 @@ def test_values_are_norms_of_the_optimal_warps():
         np.testing.assert_allclose(recomputed, solution.value, rtol=4 * EPS)
 
 
+@pytest.mark.thorough
 def test_norms_of_any_warp_equal_the_twin():
     """Not at optima only: three warps on every scene, L1, L2 and L-inf, to the moments' 500 eps."""
     for metric, norm in (("p", "inf"), ("pxq", "inf"), ("p", "l2"), ("q", "l1")):

@@ -67,6 +67,7 @@ def test_no_map_of_a_body_is_better_than_none_in_linf():
     assert warpopt.lower_bound(BOX_VIEW, Objective("q")) == pytest.approx(widest * rho, rel=1e-9)
 
 
+@pytest.mark.thorough
 def test_bounds_of_means_are_hoelders_for_the_density_along_the_warp():
     """(int W^(1/(P+1)))^(P+1)/int W over the box's density along Z_w, from many points; and the map that has it."""
     n = 160
@@ -137,6 +138,7 @@ def test_cells_keep_the_sums_of_their_receivers():
         assert (float(cells.unit), cells.parallel) == (1, True)
 
 
+@pytest.mark.thorough
 def test_a_stable_window_scrolls():
     """Every frame holds all receivers, and between fits the map moves by whole texels."""
     window = warpopt.StableWindow(warp_direction="view", shadow_map=(256, 256), screen=(300, 200))

@@ -83,6 +83,7 @@ def test_a_kind_without_extent_and_profile_is_refused_in_words():
             warpopt.compare_rules(SceneView(CAMERA, one, several), RULES)
 
 
+@pytest.mark.thorough
 def test_a_kind_that_knows_all_is_as_good_as_a_built_in_one():
     """Killed: rules that are told other depths than the kind's own; a bound that is looked up by class."""
     box = KINDS["box"]

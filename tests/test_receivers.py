@@ -386,6 +386,7 @@ def test_a_histogram_of_the_whole_range_is_the_whole_frustum():
     assert part.excess == 0  # its corners are exact
 
 
+@pytest.mark.thorough
 def test_gradients_are_those_of_the_whole_solve_and_finite_everywhere():
     """Light, camera, box and points: centred differences of the solve against the equation's derivative."""
     points = np.random.default_rng(3).normal(size=(40, 3)) * [6, 2, 8] + [3, 0, -20]

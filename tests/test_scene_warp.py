@@ -35,6 +35,7 @@ def light_at(theta):
 
 
 @pytest.mark.parametrize(("metric", "norm", "measure"), OBJECTIVES)
+@pytest.mark.thorough("pxq-l2-volume")
 def test_on_the_yz_plane_it_is_the_closed_form(metric, norm, measure):
     """Any pose: eta, value and outcome as `optimal_warp`'s, to 1e-12 (slopes of 30 eps, over the smallest a)."""
     theta = jnp.array([0.0, 0.05, 0.3, 0.9, np.pi / 2, 2.0, 2.9, np.pi])

@@ -59,6 +59,7 @@ def walk(window, frames, receivers=None, light=LIGHT, state=None, step=0.05, tur
 
 
 @pytest.mark.parametrize("settings", [{}, {"warp": False}, {"warp_direction": (1.0, 0, -0.6), "lateral": "free"}])
+@pytest.mark.thorough("settings2")
 def test_texels_stay_and_receivers_are_in_the_map(settings):
     """The property that the whole is for, through the matrices alone: a world point's texel moves by exactly (i, j)."""
     before, actions = None, []
@@ -252,6 +253,7 @@ def single_box(at, reach) -> ConvexBody:
     return ConvexBody.box(*(np.asarray(at + corner, np.float32) for corner in corners))
 
 
+@pytest.mark.thorough
 def test_single_precision_holds_far_from_the_origin():
     """A million metres off, relative to the window's origin, and after many scrolls."""
     far = np.array([1e6, 0, -1e6])

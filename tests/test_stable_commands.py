@@ -128,6 +128,7 @@ def invoke(text: str, *arguments: str) -> int:
     return scene_command("scene.toml", *arguments)
 
 
+@pytest.mark.thorough
 def test_a_window_follows_the_light_s_path(folder):
     """The rows are the library's updates, the matrices in the file's convention."""
     path = "path = [[0.2, -1, -0.3], [0.2, -1, -0.3], [0.205, -1, -0.3], [3, -0.1, -0.3]]"

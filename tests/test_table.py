@@ -145,6 +145,7 @@ def wide():
     )
 
 
+@pytest.mark.thorough
 def test_a_table_of_several_rows_keeps_its_promise_everywhere(wide):
     """At random points that no builder saw, and at their ends; single precision's lookup included."""
     rows, fovs, _ = wide.theta.shape

@@ -81,6 +81,7 @@ def test_new_values_do_not_recompile():
     assert frusta.solve_frusta._cache_size() == before[0] + 1
 
 
+@pytest.mark.thorough
 def test_any_size_beyond_a_block_is_one_compilation():
     """Blocks of 2^20 of one padded shape: sizes on either side of two and three of them, and the values of one call."""
     few = jnp.linspace(0.1, 1.5, 1000)
