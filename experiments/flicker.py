@@ -26,7 +26,7 @@ from pixels_page import table, write_between
 from warpopt.app.common import figure_style as style
 from warpopt.app.common.flicker_figure import flicker_figure
 from warpopt.frames import LitScene, Reading, judge, see
-from warpopt.frames.methods import HELD, Windowed, WindowedCascades, method_of, method_title
+from warpopt.frames.methods import HELD, method_of, method_title, refitted
 from warpopt.frames.names import STABLE, WINDOW
 from warpopt.frames.paths import MOTIONS, Moment, flips, path
 from warpopt.frames.pictures import enlarged, painted, worst_places, wrong_pixels
@@ -85,8 +85,8 @@ def record(
                 flipped, compared = flips(before[name], moment, Reading())
                 told[name]["flipped"] += flipped
                 told[name]["compared"] += compared
-                if isinstance(method, (Windowed, WindowedCascades)):
-                    if method.refitted:
+                if name.startswith(WINDOW):
+                    if refitted(method):
                         told[name]["pops"].append(flipped / max(1, compared))
                     else:
                         told[name]["between"] += flipped

@@ -7,7 +7,6 @@ Each error is the mean over three sets of grid shifts. A killed run resumes; cas
 """
 
 import argparse
-import json
 from pathlib import Path
 
 from warpopt.app.common.jax_settings import prepare_jax
@@ -16,7 +15,7 @@ prepare_jax()
 
 import numpy as np
 from pixels_page import geometric, table, write_between
-from pixels_scenes import SCENES, draw
+from pixels_scenes import SCENES, kept_records
 
 from warpopt.frames import Reading, measured
 from warpopt.frames.cascade_fits import fit_cascades, maps_of
@@ -105,22 +104,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--page", type=Path, help="write the tables into this page")
     asked = parser.parse_args(arguments)
     asked.directory.mkdir(parents=True, exist_ok=True)
-    kept = asked.directory / "cascades.json"
-    done = json.loads(kept.read_text()) if kept.exists() else {}
-    for name in SCENES[-2:-1] if asked.short else asked.scenes:
-        mine = done.get(name, [])
-        wanted = 1 if asked.short else None
-        for number, drawn in enumerate(draw(name, asked.count, *((96, 60) if asked.short else (WIDTH, HEIGHT)))):
-            if number == wanted:
-                break
-            if number < len(mine):
-                continue
-            mine.append(record(drawn))
-            done[name] = mine
-            part = kept.with_suffix(".part")
-            part.write_text(json.dumps(done))
-            part.replace(kept)
-            print(f"{name}: {len(mine)} frames", flush=True)
+    done = kept_records(
+        asked.directory / "cascades.json", SCENES[-2:-1] if asked.short else asked.scenes, asked.count,
+        (96, 60) if asked.short else (WIDTH, HEIGHT), record, 1 if asked.short else None,
+    )  # fmt: skip
     text = tables([each for name in done for each in done[name]])
     (asked.directory / "tables.md").write_text(text, encoding="utf-8")
     if asked.page:

@@ -1,7 +1,9 @@
 """The frames of `pixels.py`: ten scenes, four classes of theta, drawn from seeds; no frame is chosen by its result."""
 
 import dataclasses
-from collections.abc import Iterator
+import itertools
+import json
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -73,6 +75,32 @@ def model_grid(name: str, side: int = 5) -> MadeScene:
     eyes = np.stack([reach * np.sin(angle), random.uniform(1.0, 2.5, 64), reach * np.cos(angle)], 1)
     targets = random.uniform(-4, 4, (64, 3)) * [1, 0, 1] + [0, 0.8, 0]
     return MadeScene(np.concatenate([floor, *parts]), eyes, targets - eyes, 100.0)
+
+
+def kept_records(
+    kept: Path, scenes: Iterable[str], count: int, size: tuple[int, int], record: Callable[[Drawn], dict],
+    most: int | None = None,
+) -> dict[str, list[dict]]:  # fmt: skip
+    """What is recorded of the frames of each scene, kept after each frame: a run that was killed goes on there.
+
+    Args:
+        kept: a JSON file; scenes of earlier runs stay in it.
+        count, size: as for `draw`.
+        record: numbers of one frame.
+        most: frames of each scene, if not all.
+    """
+    done = json.loads(kept.read_text()) if kept.exists() else {}
+    whole = min(most or count * len(CLASSES), count * len(CLASSES))
+    for name in scenes:
+        mine = done.setdefault(name, [])
+        frames = draw(name, count, *size) if len(mine) < whole else ()
+        for drawn in itertools.islice(frames, len(mine), whole):
+            mine.append(record(drawn))
+            part = kept.with_suffix(".part")
+            part.write_text(json.dumps(done))
+            part.replace(kept)
+            print(f"{name}: {len(mine)} frames", flush=True)
+    return done
 
 
 def draw(name: str, count: int, width: int, height: int) -> Iterator[Drawn]:

@@ -7,7 +7,6 @@ threshold on the promise does is computed afterwards. A killed run resumes; turn
 """
 
 import argparse
-import json
 from pathlib import Path
 
 from warpopt.app.common.jax_settings import prepare_jax
@@ -16,7 +15,7 @@ prepare_jax()
 
 import numpy as np
 from pixels_page import geometric, table, write_between
-from pixels_scenes import CLASSES, SCENES, draw
+from pixels_scenes import CLASSES, SCENES, kept_records
 
 from warpopt.frames import Reading, measured
 from warpopt.frames.fits import Fitting
@@ -100,21 +99,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--page", type=Path, help="write the tables into this page")
     asked = parser.parse_args(arguments)
     asked.directory.mkdir(parents=True, exist_ok=True)
-    kept = asked.directory / "turned.json"
-    done = json.loads(kept.read_text()) if kept.exists() else {}
-    for name in SCENES[-2:-1] if asked.short else asked.scenes:
-        if name in done:
-            continue
-        mine = []
-        for drawn in draw(name, asked.count, *((96, 60) if asked.short else (WIDTH, HEIGHT))):
-            mine.append(record(drawn))
-            if asked.short:
-                break
-        done[name] = mine
-        part = kept.with_suffix(".part")
-        part.write_text(json.dumps(done))
-        part.replace(kept)
-        print(f"{name}: {len(mine)} frames", flush=True)
+    done = kept_records(
+        asked.directory / "turned.json", SCENES[-2:-1] if asked.short else asked.scenes, asked.count,
+        (96, 60) if asked.short else (WIDTH, HEIGHT), record, 1 if asked.short else None,
+    )  # fmt: skip
     text = tables([each for name in done for each in done[name]])
     (asked.directory / "tables.md").write_text(text, encoding="utf-8")
     if asked.page:

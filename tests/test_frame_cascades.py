@@ -1,11 +1,15 @@
 """Cascades on pixels: names, several maps read as one, and their fits."""
 
+import typing
+
 import numpy as np
 import pytest
 from frame_cases import camera_at, tables
 
 import warpopt
-from warpopt.frames import FILTERS, LitScene, Reading, ShadowMap, measured, see
+from warpopt.app.cascades.settings import Scheme
+from warpopt.cascades import splits
+from warpopt.frames import FILTERS, LitScene, Reading, ShadowMap, measured, names, see
 from warpopt.frames.cascade_fits import fit_cascades, maps_of
 from warpopt.frames.cascaded_map import CascadedMap
 from warpopt.frames.fits import Fitting, of_aspect
@@ -36,6 +40,14 @@ def test_names_say_how_many_which_splits_and_which_warp():
     for name in unknown:
         with pytest.raises(ValueError, match="expected COUNT-SPLITS-WARP"):
             refuse_unknown(name)
+
+
+def test_names_of_splits_are_the_library_s():
+    """Frames and settings name them where JAX must not be imported."""
+    assert tuple(splits.SCHEMES) == names.SCHEMES
+    assert tuple(splits.ENGINES) == names.ENGINES
+    assert splits.MOST == names.MOST
+    assert set(typing.get_args(Scheme)) == {*names.SCHEMES, *names.ENGINES}
 
 
 @pytest.mark.parametrize("filter_", FILTERS)

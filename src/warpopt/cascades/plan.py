@@ -18,7 +18,7 @@ from ..theory.warp import Warp
 from ..views import FrustumView, SceneView, refuse_other
 from .over_frustum import ends_of, errors_of_similar, errors_over_frusta, masses, splits_of_means, splits_of_shares
 from .over_scene import depth_range, errors_over_scene, splits_of_scene, weighted
-from .splits import MOST, logarithmic, uniform
+from .splits import MOST, checked_splits, logarithmic, uniform
 
 
 class Plan(eqx.Module):
@@ -178,7 +178,7 @@ def errors(
         splits: (..., K + 1) view depths that do not fall, and cover the receivers, or the frustum exactly.
 
     Raises:
-        ValueError: splits that do not increase, or that leave receivers out.
+        ValueError: splits that fall, that leave receivers out, or that lie outside of the frustum.
 
     Example:
         >>> import warpopt
@@ -187,18 +187,9 @@ def errors(
         >>> round(float(godot.value / warpopt.cascades.plan(view, 4).value))   # what its default loses
         72
     """
-    (splits,) = float_arrays(splits=splits)
-    if splits.ndim < 1 or not 2 <= splits.shape[-1] <= MOST + 1:
-        raise ValueError(f"splits: got shape {splits.shape}, expected (..., K + 1) with K from 1 to {MOST}")
-    splits = checked(
-        "splits", splits,
-        lambda z: (z > 0) & (z < jnp.inf) & jnp.concatenate([z[..., 1:] >= z[..., :-1], z[..., :1] > 0], -1),
-        "positive depths that do not fall",
-    )  # fmt: skip
-    goal, band, parts = _checked(view, splits.shape[-1] - 1, objective, overlap, shares, warp)
-    if isinstance(view, SceneView) and splits.ndim != 1:
-        raise ValueError(f"splits: got shape {splits.shape}, expected (K + 1,) over a scene: one call for each")
     whole = isinstance(view, FrustumView)
+    splits = checked_splits(splits, isinstance(view, SceneView))
+    goal, band, parts = _checked(view, splits.shape[-1] - 1, objective, overlap, shares, warp)
     _refuse_outside(splits, *(ends_of(view) if whole else depth_range(view)), whole)
     return _plan_of(view, splits, goal, band, parts, warp, False)
 

@@ -4,13 +4,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._checks import Numbers, checked, float_arrays
+from .._checks import Numbers
 from ..objective import Objective
-from ..render.sphere_fit import sphere_about
+from ..render.sphere_fit import least_sphere, sphere_about
 from ..views import FrustumView, SceneView, one_light, refuse_other
 from .over_frustum import pieces
 from .over_scene import within
-from .splits import MOST
+from .splits import checked_splits
 
 
 def sphere_texels(view: FrustumView | SceneView, splits: Numbers) -> Float[Array, "... K"]:
@@ -36,26 +36,15 @@ def sphere_texels(view: FrustumView | SceneView, splits: Numbers) -> Float[Array
         [2.8, 2.8]
     """
     refuse_other(view)
-    (splits,) = float_arrays(splits=splits)
-    if splits.ndim < 1 or not 2 <= splits.shape[-1] <= MOST + 1:
-        raise ValueError(f"splits: got shape {splits.shape}, expected (..., K + 1) with K from 1 to {MOST}")
-    if isinstance(view, SceneView) and splits.ndim != 1:
-        raise ValueError(f"splits: got shape {splits.shape}, expected (K + 1,) over a scene: one call for each")
-    splits = checked(
-        "splits", splits,
-        lambda z: (z > 0) & (z < jnp.inf) & jnp.concatenate([z[..., 1:] >= z[..., :-1], z[..., :1] > 0], -1),
-        "finite positive depths that do not fall",
-    )  # fmt: skip
+    splits = checked_splits(splits, isinstance(view, SceneView))
     starts, ends = splits[..., :-1], splits[..., 1:]
     if isinstance(view, FrustumView):
         there = ends > starts
         frustum, theta = pieces(view, starts, jnp.where(there, ends, 2 * starts))
         part = FrustumView(frustum, theta)
         slope = jnp.tan(frustum.half_fov)
-        # Corners at slopes (1, 1) tan(phi): the sphere about near and far corners, or about the far plane.
-        growth = 2 * slope**2
-        middle = jnp.minimum((ends + starts) * (1 + growth) / 2, ends)
-        radius = jnp.hypot(ends - middle, jnp.sqrt(growth) * ends)
+        # The window's corners are at slopes (1, 1) tan(phi).
+        _, radius = least_sphere(starts, ends, 2 * slope**2, False)
         return jnp.where(there, (2 * radius) ** 2 / (part.mu * 2 * ends * slope), jnp.inf)
     return _over_scene(one_light(view), starts, ends)
 

@@ -130,6 +130,24 @@ def stepped(splits: Numbers, step: float = 1.1, previous: Numbers | None = None)
     return value**whole
 
 
+def checked_splits(splits: Numbers, one: bool) -> Float[Array, "... K+1"]:
+    """The depths of any split; `one`: of a single chain, for a scene.
+
+    Raises:
+        ValueError: another shape, or depths that are not finite and positive, or that fall.
+    """
+    (made,) = float_arrays(splits=splits)
+    if made.ndim < 1 or not 2 <= made.shape[-1] <= MOST + 1:
+        raise ValueError(f"splits: got shape {made.shape}, expected (..., K + 1) with K from 1 to {MOST}")
+    if one and made.ndim != 1:
+        raise ValueError(f"splits: got shape {made.shape}, expected (K + 1,) over a scene: one call for each")
+    return checked(
+        "splits", made,
+        lambda z: (z > 0) & (z < jnp.inf) & jnp.concatenate([z[..., 1:] >= z[..., :-1], z[..., :1] > 0], -1),
+        "finite positive depths that do not fall",
+    )  # fmt: skip
+
+
 def godot(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K+1"]:
     """Godot 4's defaults: 0.1, 0.2 and 0.5 of the way from near to far, with two cascades 0.1.
 

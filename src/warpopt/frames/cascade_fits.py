@@ -23,14 +23,12 @@ class Cascaded:
         splits: count + 1 view depths.
         parts: each cascade's warp; None for one that holds nothing.
         defined: always.
-        promised: None.
     """
 
     name: str
     splits: tuple[float, ...]
     parts: tuple[Fitted | None, ...]
     defined: bool = True
-    promised: None = None
 
     @property
     def eta(self) -> tuple[float | None, ...]:

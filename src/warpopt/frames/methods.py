@@ -106,6 +106,11 @@ def snapped_sphere(scene: LitScene, frame: Frame, far: float, texels: int) -> Fl
     return np.asarray(sphere_matrix(view, texels, casters=scene.corners_all), float)
 
 
+def refitted(method: Method) -> bool:
+    """Whether a method with stable windows fitted one anew in the last frame; of others False."""
+    return isinstance(method, (Windowed, WindowedCascades)) and method.refitted
+
+
 def _window_of(name: str, size: tuple[int, int], frame: Frame, settings: dict[str, Any]) -> StableWindow:
     """The window of a warp by name: "none", or an objective's, with "turned-" or "shaped-" before it."""
     prefix, height, width = turn_of(name)[0], *frame.judged.shape

@@ -68,10 +68,17 @@ def sphere_about(
     seen."""
     left, right, bottom, top = camera.window
     squared = jnp.maximum(left**2, right**2) + jnp.maximum(bottom**2, top**2)
-    growth = jnp.zeros_like(squared) if camera.is_orthographic else squared
+    return least_sphere(near, far, squared, camera.is_orthographic)
+
+
+def least_sphere(
+    near: Float[Array, "..."], far: Float[Array, "..."], squared: Float[Array, "..."], parallel: bool
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """`sphere_about` of a window whose farthest corner has this squared slope; `parallel`: this squared distance."""
+    growth = 0 * squared if parallel else squared
     # Where near and far corners are equally far; at the far plane where that is behind it.
     middle = jnp.minimum((far + near) * (1 + growth) / 2, far)
-    sizes = [jnp.ones_like(z) if camera.is_orthographic else z for z in (near, far)]
+    sizes = [jnp.ones_like(z) if parallel else z for z in (near, far)]
     reach = [jnp.hypot(middle - z, jnp.sqrt(squared) * size) for z, size in zip((near, far), sizes, strict=True)]
     return middle, jnp.maximum(*reach)
 

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from warpopt.cascades.splits import ENGINES
+
 from ..common.words import markdown_pictures, markdown_table
 from .rows import objective_of
 
@@ -20,7 +22,6 @@ TITLES = {
     "filament": "Filament's halvings",
 }  # fmt: skip
 _SHOWN = 8  # numbers of maps in the table of texels
-_ENGINES = ("godot", "unity", "unreal", "bevy", "three", "filament")
 
 
 def cascades_report(
@@ -92,7 +93,7 @@ def _worst(rows: "list[Row]") -> list[str]:
     told = []
     for alike in sorted(_alike(rows), key=lambda alike: -max(row.lost for row in alike)):
         first = alike[0]
-        if first.name not in _ENGINES:
+        if first.name not in ENGINES:
             continue
         plain, warped = ([row.lost for row in alike if row.warped == warp] for warp in (False, True))
         name = TITLES[first.name] + (" (by repute)" if first.name == "unreal" else "")

@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 from warpopt.frames import LitScene, judge, see
-from warpopt.frames.methods import Windowed, WindowedCascades, method_of, method_title
+from warpopt.frames.methods import method_of, method_title, refitted
 from warpopt.frames.names import WINDOW
 from warpopt.frames.paths import Moment, flips
 from warpopt.frames.pictures import enlarged, painted, worst_places, wrong_pixels
@@ -60,7 +60,7 @@ def measured_path(
                 flipped, compared = flips(previous[name], moment, reading)
                 courses[name].flipped += flipped
                 courses[name].compared += compared
-                if isinstance(method, (Windowed, WindowedCascades)) and method.refitted:
+                if refitted(method):
                     courses[name].pops.append(flipped / max(1, compared))
             previous[name] = moment
         if place is None:
