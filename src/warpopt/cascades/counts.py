@@ -51,22 +51,26 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
     near, far = depth_range(scene)
     if not float(near) < float(far):
         return 1, jnp.zeros(MOST) + price
-    near, far = logarithmic(near, far, 1)  # which refuses an endless range
+    logarithmic(near, far, 1)  # refuses an endless range
     numbers = np.arange(1, MOST + 1)
     if isinstance(view, FrustumView):  # over a whole frustum all pieces need the same: the first, so many times
         of, first, times = numbers, np.zeros(MOST), numbers
     else:
         of, first, times = np.repeat(numbers, numbers), np.concatenate([np.arange(n) for n in numbers]), 1
-    shares = (jnp.asarray(k / of, near.dtype) for k in (first, first + 1))
     even = uniform_at if scene.camera.is_orthographic else even_in_the_logarithm
-    starts, ends = (even(near, far, share) for share in shares)
+    starts, ends = (np.asarray(even(near, far, k / of)) for k in (first, first + 1))
     needed = []
     for at in range(0, len(starts), _TOGETHER):
         _, solutions = solved_between(scene, starts[at : at + _TOGETHER], ends[at : at + _TOGETHER], _TEXELS)
         needed.append(solutions.value if warp else solutions.unwarped)
-    totals = jnp.asarray(times) * jax.ops.segment_sum(jnp.concatenate(needed), of - 1, MOST)
-    made = totals + price * jnp.arange(1, MOST + 1)
+    made = _totals(needed, times, of, price)
     return int(np.argmin(np.asarray(made))) + 1, made
+
+
+@jax.jit
+def _totals(needed: list[Array], times: np.ndarray | int, of: np.ndarray, price: Array) -> Array:
+    """Each number's maps together, and their price."""
+    return times * jax.ops.segment_sum(jnp.concatenate(needed), of - 1, MOST) + price * jnp.arange(1, MOST + 1)
 
 
 def in_world(view: FrustumView) -> SceneView:

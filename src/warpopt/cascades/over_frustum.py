@@ -21,43 +21,60 @@ _GRID, _ZOOM, _ZOOMS = 96, 8, 8  # depths tried at first; each zoom has so many 
 _STEPS = 60  # of bisection: to the last bit
 
 
+@jax.jit
 def ends_of(view: FrustumView) -> tuple[Array, Array]:
     """(near, far) in the view's shape."""
     near, far, _ = jnp.broadcast_arrays(view.frustum.near, view.frustum.far, view.theta)
     return near, far
 
 
+@jax.jit
 def pieces(view: FrustumView, starts: Array, ends: Array) -> tuple[ViewFrustum, Array]:
-    """(the pieces as frusta, the light's angle), with a last axis for cascades."""
+    """(the pieces as frusta, the light's angle), with a last axis for cascades; some length for those of none."""
     phi, theta, starts = jnp.broadcast_arrays(view.frustum.half_fov[..., None], view.theta[..., None], starts)
-    return assembled(ViewFrustum, near=starts, far=jnp.broadcast_to(ends, starts.shape), half_fov=phi), theta
+    ends = jnp.where(ends > starts, ends, 2 * starts)
+    return assembled(ViewFrustum, near=starts, far=ends, half_fov=phi), theta
 
 
 def errors_over_frusta(
     view: FrustumView, starts: Float[Array, "... K"], ends: Float[Array, "... K"], objective: Objective, warp: bool
 ) -> tuple[Float[Array, "... K"], Warp]:
     """(the norm in each piece, its warp), with the best warp or without; 0 for pieces of no length."""
-    there = ends > starts
-    frustum, theta = pieces(view, starts, jnp.where(there, ends, 2 * starts))
+    frustum, theta = pieces(view, starts, ends)
     solution = in_blocks(solve_frusta, (frustum, theta), objective, Method())
-    if warp:
-        return jnp.where(there, solution.value, 0), solution.warp
-    plain = solution.warp.unwarped
-    values, _ = in_blocks(norms_over_frusta, (frustum, theta, plain), objective, Method())
-    return jnp.where(there, values, 0), plain
+    values, warps = solution.value, solution.warp
+    if not warp:
+        warps = warps.unwarped
+        values, _ = in_blocks(norms_over_frusta, (frustum, theta, warps), objective, Method())
+    return _of_length(values, starts, ends), warps
+
+
+@jax.jit
+def _of_length(values: Array, starts: Array, ends: Array) -> Array:
+    return jnp.where(ends > starts, values, 0)
 
 
 def errors_of_similar(
     view: FrustumView, starts: Float[Array, "... K"], ends: Float[Array, "... K"], objective: Objective, warp: bool
 ) -> tuple[Float[Array, "... K"], Warp]:
     """`errors_over_frusta` of pieces of equal far/near: the first one's error and eta, its lengths in proportion."""
-    each, warps = errors_over_frusta(view, starts[..., :1], ends[..., :1], objective, warp)
+    return _in_proportion(starts, *errors_over_frusta(view, *_first(starts, ends), objective, warp))
+
+
+@jax.jit
+def _first(starts: Array, ends: Array) -> tuple[Array, Array]:
+    return starts[..., :1], ends[..., :1]
+
+
+@jax.jit
+def _in_proportion(starts: Array, each: Array, warps: Warp) -> tuple[Array, Warp]:
     scale = starts / starts[..., :1]
     whole = jax.tree.map(lambda v: jnp.broadcast_to(v, scale.shape), warps)
     lengths = eqx.tree_at(lambda w: (w.start, w.mu), whole, (warps.start * scale, warps.mu * scale))
     return jnp.broadcast_to(each, scale.shape), lengths
 
 
+@functools.partial(jax.jit, static_argnames=("objective",))
 def masses(starts: Array, ends: Array, near: Array, far: Array, objective: Objective) -> Float[Array, "... K"]:
     """Each piece's part of the measure over the whole frustum: of z^(2 - m) dz, or dz on the axis."""
     h = 1.0 if objective.measure == "axis" else 3 - DENSITY_EXPONENT[objective.measure]

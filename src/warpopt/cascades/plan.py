@@ -1,12 +1,13 @@
 """Cascades over a view: splits, the best warp in each, and the certificate."""
 
+import functools
 from typing import Any, Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
 from .._checks import Numbers, checked, float_arrays, is_traced
 from .._words import flag, one_of, whole_number
@@ -85,14 +86,24 @@ class Plan(eqx.Module):
             raise ValueError("plan: got one over a FrustumView, expected one over a SceneView, which is in the world")
         made = []
         for k in range(self.errors.shape[-1]):
-            view, solution = (jax.tree.map(lambda v, k=k: v[k], part) for part in (self.views, self.solutions))
+            view, solution, start, end = _one((self.views, self.solutions, self.starts, self.splits[1:]), k)
             if texels is None:
                 matrix = shadow_matrix(view, solution, clip_space, casters=casters, padding=padding)
             else:
-                ends = self.starts[k], self.splits[k + 1]
-                matrix = sphere_matrix(view, texels, clip_space, casters=casters, near=ends[0], far=ends[1])
-            made.append(jnp.where(solution.footprint.empty, jnp.nan, matrix))
-        return jnp.stack(made), self.splits[1:]
+                matrix = sphere_matrix(view, texels, clip_space, casters=casters, near=start, far=end)
+            made.append(matrix)
+        return _where_there(made, self.solutions.footprint.empty), self.splits[1:]
+
+
+@jax.jit
+def _one(stacked: PyTree, k: int) -> PyTree:
+    """One cascade's part."""
+    return jax.tree.map(lambda v: v[k], stacked)
+
+
+@jax.jit
+def _where_there(matrices: list[Array], empty: Array) -> Array:
+    return jnp.where(empty[:, None, None], jnp.nan, jnp.stack(matrices))
 
 
 def plan(
@@ -140,11 +151,7 @@ def plan(
         if count > 1 and not goal.supremum:
             made = splits_of_means(view, goal, parts, band, warp)
         elif (parts == parts[0]).all():
-            # With bands the last cascades are as long in ratio as the first: theory2's (b).
-            q = (jnp.log1p((far - near) / near) - (count - 1) * jnp.log1p(-band)) / count
-            k = jnp.arange(count + 1)
-            made = near[..., None] * jnp.exp(k * q[..., None] + jnp.maximum(k - 1, 0) * jnp.log1p(-band))
-            made = made.at[..., -1].set(far) if band else logarithmic(near, far, count)
+            made = _of_equal_ratios(near, far, band, count) if band else logarithmic(near, far, count)
         else:
             made = splits_of_shares(view, goal, parts, band, warp)
     else:
@@ -199,12 +206,11 @@ def _plan_of(
     similar: bool,
 ) -> Plan:  # fmt: skip
     """The plan of splits that cover the view."""
-    starts = jnp.concatenate([splits[..., :1], splits[..., 1:-1] * (1 - band)], -1)
-    starts = jnp.maximum(starts, splits[..., :1])
+    starts, ends = _pieces(splits, band)
     if isinstance(view, FrustumView):
         solved = errors_of_similar if similar else errors_over_frusta
-        each, warps = solved(view, starts, splits[..., 1:], goal, warp)
-        mass = None if goal.supremum else masses(splits[..., :-1], splits[..., 1:], *ends_of(view), goal)
+        each, warps = solved(view, starts, ends, goal, warp)
+        mass = None if goal.supremum else masses(splits[..., :-1], ends, *ends_of(view), goal)
         return _assembled(splits, starts, warps, each, goal, parts, mass, _FRUSTUM, None, None)
     views, solutions, mass = errors_over_scene(view, starts, splits, goal, warp)
     warps = solutions.warp
@@ -224,6 +230,23 @@ def _plan_of(
     return eqx.tree_at(lambda p: p.lower, made, made.lower / jnp.maximum(view.turn_only_if, 1).astype(made.lower.dtype))
 
 
+@functools.partial(jax.jit, static_argnames=("count",))
+def _of_equal_ratios(near: Array, far: Array, band: Array | float, count: int) -> Array:
+    """With bands the last cascades are as long in ratio as the first: theory2's (b)."""
+    q = (jnp.log1p((far - near) / near) - (count - 1) * jnp.log1p(-band)) / count
+    k = jnp.arange(count + 1)
+    made = near[..., None] * jnp.exp(k * q[..., None] + jnp.maximum(k - 1, 0) * jnp.log1p(-band))
+    return made.at[..., -1].set(far)
+
+
+@jax.jit
+def _pieces(splits: Array, band: Array | float) -> tuple[Array, Array]:
+    """Where each cascade begins and ends."""
+    first = splits[..., :1]
+    starts = jnp.concatenate([first, splits[..., 1:-1] * (1 - band)], -1)
+    return jnp.maximum(starts, first), splits[..., 1:]
+
+
 _FRUSTUM = "errors grow with what a cascade holds, so any split certifies itself (Theorem 2)"
 _SCENE = _FRUSTUM + ", for one direction of the warp in all cascades or the best in each"
 _ASIDE = "not proved: in some cascade all receivers are on one side of the axis through the eye, which is moved"
@@ -233,25 +256,34 @@ _MEANS = "not proved for a mean over the receivers"
 
 def _assembled(splits, starts, warps, each, objective, shares, mass, why, views, solutions) -> Plan:
     """Errors over shares, the value, and the certificate."""
-    over = each / (jnp.asarray(shares, each.dtype) ** objective.resolution_power)
-    if mass is not None:
-        # One measure for all cascades: a mean in each would change with the split.
-        P = objective.order
-        value = (mass * over**P).sum(-1) ** (1 / P)
-        why = _MEANS
-    else:
-        value = over.max(-1)
-    proved = mass is None and not why.startswith("not proved")
-    # An empty cascade proves nothing for as many: the certificate is for those that hold something.
-    lower = jnp.where(proved & (over > 0).all(-1), over.min(-1), jnp.nan)
-    if proved and not is_traced(over) and not np.all(np.asarray(over > 0)):
-        held = np.unique(np.asarray((over > 0).sum(-1)))
-        if len(held) == 1 and held[0] > 0:
-            lower = jnp.where(over > 0, over, jnp.inf).min(-1)
-            why = f"{why}; for {held[0]} cascades, as many as hold more than one depth"
+    why = _MEANS if mass is not None else why
+    proved = not why.startswith("not proved")
+    power = None if mass is None else objective.order
+    over, value, lower, held = _rated(each, shares**objective.resolution_power, mass, power)
+    if not proved:
+        lower = jnp.full_like(value, jnp.nan)
+    elif not is_traced(over) and (np.asarray(held) < over.shape[-1]).any():
+        # An empty cascade proves nothing for as many: the certificate is for those that hold something.
+        number = np.unique(held)
+        if len(number) == 1 and number[0] > 0:
+            why = f"{why}; for {number[0]} cascades, as many as hold more than one depth"
         else:
+            lower = jnp.where(np.asarray(held) == over.shape[-1], lower, jnp.nan)
             why = "not proved: no cascade holds more than one depth, or not as many in each plan"
+    elif is_traced(over):
+        lower = jnp.where(held == over.shape[-1], lower, jnp.nan)
     return Plan(splits, starts, warps, over, value, lower, why, solutions, views)
+
+
+@functools.partial(jax.jit, static_argnames=("power",))
+def _rated(
+    each: Array, scale: np.ndarray, mass: Array | None, power: float | None
+) -> tuple[Array, Array, Array, Array]:
+    """(errors over shares, the value, the least error of the cascades that hold something, how many those are)."""
+    over = each / jnp.asarray(scale, each.dtype)
+    # One measure for all cascades: a mean in each would change with the split.
+    value = over.max(-1) if mass is None else (mass * over**power).sum(-1) ** (1 / power)
+    return over, value, jnp.where(over > 0, over, jnp.inf).min(-1), (over > 0).sum(-1)
 
 
 def _checked(
@@ -289,19 +321,25 @@ def _refuse_outside(splits: Array, near: Array, far: Array, exact: bool) -> None
     """Splits that leave out something of the frustum, or of the receivers; `exact`: or that hold more than it."""
     slack = 64 * jnp.finfo(splits.dtype).eps
     known = not is_traced(near, far)
-    there = ~(near > far)  # no receivers
-    first, last = splits[..., 0], splits[..., -1]
+    first, last = _ends(splits, near)
+    ends = near, far  # near > far: no receivers
     checked(
-        "splits", jnp.stack(jnp.broadcast_arrays(first, near)), lambda v: ~there | (v[0] <= v[1] * (1 + slack)),
+        "splits", first, lambda z, near, far: (near > far) | (z <= near * (1 + slack)),
         f"a first depth at most {np.asarray(near).min():g}, where receivers begin" if known else "a nearer first depth",
+        *ends,
     )  # fmt: skip
     checked(
-        "splits", jnp.stack(jnp.broadcast_arrays(last, far)), lambda v: ~there | (v[0] >= v[1] * (1 - slack)),
+        "splits", last, lambda z, near, far: (near > far) | (z >= far * (1 - slack)),
         f"a last depth at least {np.asarray(far).max():g}, where receivers end" if known else "a farther last depth",
+        *ends,
     )  # fmt: skip
     if exact:  # a piece of no frustum has errors of its own, which prove nothing
-        ends = jnp.stack(jnp.broadcast_arrays(first, last, near, far))
-        checked(
-            "splits", ends, lambda v: (v[0] >= v[2] * (1 - slack)) & (v[1] <= v[3] * (1 + slack)),
-            "first and last depths within the frustum",
-        )  # fmt: skip
+        words = "first and last depths within the frustum"
+        checked("splits", first, lambda z, near: z >= near * (1 - slack), words, near)
+        checked("splits", last, lambda z, far: z <= far * (1 + slack), words, far)
+
+
+@jax.jit
+def _ends(splits: Array, near: Array) -> tuple[Array, Array]:
+    """The first and last depths, in the joint shape."""
+    return tuple(jnp.broadcast_arrays(splits[..., 0], splits[..., -1], near)[:2])

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._checks import Numbers
+from .._checks import Numbers, assembled
 from ..objective import Objective
 from ..render.sphere_fit import least_sphere, sphere_about
 from ..views import FrustumView, SceneView, one_light, refuse_other
@@ -39,14 +39,18 @@ def sphere_texels(view: FrustumView | SceneView, splits: Numbers) -> Float[Array
     splits = checked_splits(splits, isinstance(view, SceneView))
     starts, ends = splits[..., :-1], splits[..., 1:]
     if isinstance(view, FrustumView):
-        there = ends > starts
-        frustum, theta = pieces(view, starts, jnp.where(there, ends, 2 * starts))
-        part = FrustumView(frustum, theta)
-        slope = jnp.tan(frustum.half_fov)
-        # The window's corners are at slopes (1, 1) tan(phi).
-        _, radius = least_sphere(starts, ends, 2 * slope**2, False)
-        return jnp.where(there, (2 * radius) ** 2 / (part.mu * 2 * ends * slope), jnp.inf)
+        return _over_frustum(view, starts, ends)
     return _over_scene(one_light(view), starts, ends)
+
+
+@jax.jit
+def _over_frustum(view: FrustumView, starts: Array, ends: Array) -> Array:
+    frustum, theta = pieces(view, starts, ends)
+    part = assembled(FrustumView, frustum=frustum, theta=theta)
+    slope = jnp.tan(frustum.half_fov)
+    # The window's corners are at slopes (1, 1) tan(phi).
+    _, radius = least_sphere(starts, ends, 2 * slope**2, False)
+    return jnp.where(ends > starts, (2 * radius) ** 2 / (part.mu * 2 * ends * slope), jnp.inf)
 
 
 @jax.jit

@@ -1,8 +1,11 @@
 """Where cascades are split: published schemes and engines' defaults, as arrays of count + 1 depths from near to far."""
 
+import functools
 from collections.abc import Sequence
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .._checks import Numbers, checked, float_arrays
@@ -29,9 +32,14 @@ def uniform(near: Numbers, far: Numbers, count: int) -> Float[Array, "... K+1"]:
     return uniform_at(*_checked(near, far, count))
 
 
-def uniform_at(near: Float[Array, "..."], far: Float[Array, "..."], share: Float[Array, "..."]) -> Float[Array, "..."]:
-    """The depth at a share of the way from near to far, in length."""
-    return near + (far - near) * share
+# The formulas below are compiled as a whole: op by op each takes ten times as long at its first call.
+
+
+@jax.jit
+def uniform_at(near: Float[Array, "..."], far: Float[Array, "..."], shares: Numbers) -> Float[Array, "... K"]:
+    """The depths at shares, (K,), of the way from near to far, in length."""
+    near, far, shares = _along(near, far, shares)
+    return jnp.where(shares == 1, far, near + (far - near) * shares)  # its very end, without rounding
 
 
 def logarithmic(near: Numbers, far: Numbers, count: int) -> Float[Array, "... K+1"]:
@@ -46,12 +54,17 @@ def logarithmic(near: Numbers, far: Numbers, count: int) -> Float[Array, "... K+
     return even_in_the_logarithm(*_checked(near, far, count))
 
 
+@jax.jit
 def even_in_the_logarithm(
-    near: Float[Array, "..."], far: Float[Array, "..."], share: Float[Array, "..."]
-) -> Float[Array, "..."]:
-    """The depth at a share of the way from near to far."""
-    made = near * jnp.exp(jnp.log1p((far - near) / near) * share)
-    return jnp.where(share == 1, far, made)  # its very end, without rounding
+    near: Float[Array, "..."], far: Float[Array, "..."], shares: Numbers
+) -> Float[Array, "... K"]:
+    """The depths at shares, (K,), of the way from near to far, in ratio."""
+    near, far, shares = _along(near, far, shares)
+    return jnp.where(shares == 1, far, near * jnp.exp(jnp.log1p((far - near) / near) * shares))
+
+
+def _along(near: Array, far: Array, shares: Numbers) -> tuple[Array, Array, Array]:
+    return near[..., None], far[..., None], jnp.asarray(shares, near.dtype)
 
 
 def practical(near: Numbers, far: Numbers, count: int, weight: float = 0.5) -> Float[Array, "... K+1"]:
@@ -65,8 +78,12 @@ def practical(near: Numbers, far: Numbers, count: int, weight: float = 0.5) -> F
     """
     (value,) = float_arrays(weight=weight)
     value = checked("weight", value, lambda v: (v >= 0) & (v <= 1), "a number in [0, 1]")
-    both = logarithmic(near, far, count), uniform(near, far, count)
-    return value * both[0] + (1 - value) * both[1]
+    return _practical(*_checked(near, far, count), value)
+
+
+@jax.jit
+def _practical(near: Array, far: Array, shares: np.ndarray, weight: Array) -> Array:
+    return weight * even_in_the_logarithm(near, far, shares) + (1 - weight) * uniform_at(near, far, shares)
 
 
 def fractions(near: Numbers, far: Numbers, shares: Sequence[float]) -> Float[Array, "... K+1"]:
@@ -86,8 +103,15 @@ def fractions(near: Numbers, far: Numbers, shares: Sequence[float]) -> Float[Arr
     near, far, _ = _checked(near, far, len(shares) + 1)
     (values,) = float_arrays(shares=list(shares))
     values = checked("shares", values, lambda v: (v > 0) & (v < 1), "numbers in (0, 1)")
-    made = jnp.concatenate([near, far * values, far], -1)
-    return checked("shares", made, _rising, "fractions that increase, and a first end beyond near")
+    return checked(
+        "shares", _of_far(near, far, values), _rising, "fractions that increase, and a first end beyond near"
+    )
+
+
+@jax.jit
+def _of_far(near: Array, far: Array, shares: Array) -> Array:
+    near, far, shares = _along(near, far, shares)
+    return jnp.concatenate([near, far * shares, far], -1)
 
 
 def stepped(splits: Numbers, step: float = 1.1, previous: Numbers | None = None) -> Float[Array, "... K+1"]:
@@ -113,21 +137,27 @@ def stepped(splits: Numbers, step: float = 1.1, previous: Numbers | None = None)
     splits, value = float_arrays(splits=splits, step=step)
     value = checked("step", value, lambda v: (v > 1) & (v < jnp.inf), "a number > 1")
     splits = checked("splits", splits, lambda z: (z > 0) & (z < jnp.inf), "positive depths")
-    place = jnp.log(splits) / jnp.log(value)
+    if previous is None:
+        return _stepped(splits, value, None)
+    (before,) = float_arrays(previous=previous)
+    if before.shape != splits.shape:
+        raise ValueError(f"previous: got shape {before.shape}, expected {splits.shape}")
+    return _stepped(splits, value, checked("previous", before, lambda z: (z > 0) & (z < jnp.inf), "positive depths"))
+
+
+@jax.jit
+def _stepped(splits: Array, step: Array, previous: Array | None) -> Array:
+    place = jnp.log(splits) / jnp.log(step)
     slack = 1e-6  # a split at a power of the step stays there
     whole = jnp.round(place).at[..., 0].set(jnp.floor(place[..., 0] + slack))
     whole = whole.at[..., -1].set(jnp.ceil(place[..., -1] - slack))
     if previous is not None:
-        (before,) = float_arrays(previous=previous)
-        if before.shape != splits.shape:
-            raise ValueError(f"previous: got shape {before.shape}, expected {splits.shape}")
-        before = checked("previous", before, lambda z: (z > 0) & (z < jnp.inf), "positive depths")
-        before = jnp.round(jnp.log(before) / jnp.log(value)).astype(place.dtype)
+        before = jnp.round(jnp.log(previous) / jnp.log(step)).astype(place.dtype)
         off = place - before
         stays = (jnp.abs(off) < 1).at[..., 0].set((off[..., 0] > -slack) & (off[..., 0] < 2))
         stays = stays.at[..., -1].set((off[..., -1] < slack) & (off[..., -1] > -2))
         whole = jnp.where(stays, before, whole)
-    return value**whole
+    return step**whole
 
 
 def checked_splits(splits: Numbers, one: bool) -> Float[Array, "... K+1"]:
@@ -142,10 +172,8 @@ def checked_splits(splits: Numbers, one: bool) -> Float[Array, "... K+1"]:
     if one and made.ndim != 1:
         raise ValueError(f"splits: got shape {made.shape}, expected (K + 1,) over a scene: one call for each")
     return checked(
-        "splits", made,
-        lambda z: (z > 0) & (z < jnp.inf) & jnp.concatenate([z[..., 1:] >= z[..., :-1], z[..., :1] > 0], -1),
-        "finite positive depths that do not fall",
-    )  # fmt: skip
+        "splits", made, lambda z: (z > 0) & (z < jnp.inf) & _not_falling(z), "finite positive depths that do not fall"
+    )
 
 
 def godot(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K+1"]:
@@ -196,9 +224,14 @@ def unreal(near: Numbers, far: Numbers, count: int = 3, exponent: float = 3.0) -
     near, far, _ = _checked(near, far, count)
     (value,) = float_arrays(exponent=exponent)
     value = checked("exponent", value, lambda v: (v >= 1) & (v < jnp.inf), "a number >= 1")
-    lengths = value ** jnp.arange(count, dtype=near.dtype)
-    share = jnp.concatenate([jnp.zeros(1, near.dtype), jnp.cumsum(lengths) / lengths.sum()])
-    return near + (far - near) * share
+    return _geometric(near, far, value, count)
+
+
+@functools.partial(jax.jit, static_argnames="count")
+def _geometric(near: Array, far: Array, exponent: Array, count: int) -> Array:
+    lengths = exponent ** jnp.arange(count, dtype=near.dtype)
+    ends = jnp.cumsum(lengths) / lengths.sum()
+    return uniform_at(near, far, jnp.concatenate([jnp.zeros_like(ends[:1]), ends[:-1], jnp.ones_like(ends[:1])]))
 
 
 def bevy(near: Numbers, far: Numbers, count: int = 4, first: float = 10.0) -> Float[Array, "... K+1"]:
@@ -213,15 +246,20 @@ def bevy(near: Numbers, far: Numbers, count: int = 4, first: float = 10.0) -> Fl
         >>> [round(float(z), 2) for z in bevy(0.1, 150.0)]
         [0.1, 10.0, 24.66, 60.82, 150.0]
     """
-    near, far, _ = _checked(near, far, count)
+    near, far, shares = _checked(near, far, count)
     if count == 1:
-        return jnp.concatenate([near, far], -1)
+        return uniform_at(near, far, shares)
     (end,) = float_arrays(first=first)
     end = checked(
         "first", jnp.broadcast_to(end, near.shape), lambda v, n, f: (v > n) & (v < f),
         "a number between near and far", near, far,
     )  # fmt: skip
-    return jnp.concatenate([near, logarithmic(end[..., 0], far[..., 0], count - 1)], -1)
+    return _from_first(near, end, far, np.arange(count) / (count - 1))
+
+
+@jax.jit
+def _from_first(near: Array, first: Array, far: Array, shares: np.ndarray) -> Array:
+    return jnp.concatenate([near[..., None], even_in_the_logarithm(first, far, shares)], -1)
 
 
 def three(near: Numbers, far: Numbers, count: int = 3) -> Float[Array, "... K+1"]:
@@ -237,9 +275,13 @@ def three(near: Numbers, far: Numbers, count: int = 3) -> Float[Array, "... K+1"
         >>> [round(float(z), 2) for z in three(0.1, 1000.0)]
         [0.1, 167.86, 356.62, 1000.0]
     """
-    z = practical(near, far, count, 0.5)
-    first, last = z[..., :1], z[..., -1:]
-    return z.at[..., 1:-1].add(first * (1 - z[..., 1:-1] / last))
+    return _cut_on_the_way(*_checked(near, far, count))
+
+
+@jax.jit
+def _cut_on_the_way(near: Array, far: Array, shares: np.ndarray) -> Array:
+    z = _practical(near, far, shares, 0.5)
+    return z.at[..., 1:-1].add(near[..., None] * (1 - z[..., 1:-1] / far[..., None]))
 
 
 def filament(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K+1"]:
@@ -272,19 +314,28 @@ def _menu(name: str, count: int, menu: dict[int, tuple[float, ...]]) -> tuple[fl
 def _on_the_way(near: Numbers, far: Numbers, shares: tuple[float, ...]) -> Array:
     """Shares of the way from near to far."""
     near, far, _ = _checked(near, far, len(shares) + 1)
-    return jnp.concatenate([near, near + (far - near) * jnp.asarray(shares, near.dtype), far], -1)
+    return uniform_at(near, far, np.array((0, *shares, 1)))
 
 
-def _checked(near: Numbers, far: Numbers, count: int) -> tuple[Array, Array, Array]:
+def _checked(near: Numbers, far: Numbers, count: int) -> tuple[Array, Array, np.ndarray]:
+    """(near, far, equal shares of the way between them)."""
     whole_number("count", count, 1, MOST)
-    near, far = jnp.broadcast_arrays(*float_arrays(near=near, far=far))
+    near, far = float_arrays(near=near, far=far)
+    if near.shape != far.shape:
+        near, far = jnp.broadcast_arrays(near, far)
     near = checked("near", near, lambda v: (v > 0) & (v < jnp.inf), "a finite number > 0")
     far = checked(
         "far", far, lambda v, n: (v > n) & (v < jnp.inf),
         "a finite number > near: without a far plane split the receivers' range", near,
     )  # fmt: skip
-    return near[..., None], far[..., None], jnp.arange(count + 1, dtype=near.dtype) / count
+    return near, far, np.arange(count + 1) / count
 
 
+@jax.jit
 def _rising(z: Array) -> Array:
     return jnp.concatenate([jnp.ones_like(z[..., :1], bool), z[..., 1:] > z[..., :-1]], -1)
+
+
+@jax.jit
+def _not_falling(z: Array) -> Array:
+    return jnp.concatenate([jnp.ones_like(z[..., :1], bool), z[..., 1:] >= z[..., :-1]], -1)

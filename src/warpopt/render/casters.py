@@ -46,14 +46,14 @@ def casters_of(casters: "Numbers | ConvexBody | None") -> "Casters | None":
     points = checked("casters", points, lambda v: abs(v) < np.inf, "finite numbers")
     if not len(points):
         return None
-    return points if points.ndim == 3 else _body_about(points)
+    return points if points.ndim == 3 else ConvexBody(_planes_about(points))
 
 
-def _body_about(points: Float[Array, "N 3"]) -> ConvexBody:
+@jax.jit
+def _planes_about(points: Float[Array, "N 3"]) -> Float[Array, "K 4"]:
     directions = jnp.asarray(_BETWEEN, points.dtype)
     along = points @ directions.T
-    planes = [jnp.c_[-directions, along.max(0)], jnp.c_[directions, -along.min(0)]]
-    return ConvexBody(jnp.concatenate(planes))
+    return jnp.concatenate([jnp.c_[-directions, along.max(0)], jnp.c_[directions, -along.min(0)]])
 
 
 class Prism(NamedTuple):

@@ -1,6 +1,7 @@
 """A camera and a directional light in world space, as engines describe them."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -268,8 +269,16 @@ def normalised(name: str, vector: Float[Array, "3"]) -> Float[Array, "3"]:
     Raises:
         ValueError: for a zero vector.
     """
-    largest = jnp.abs(vector).max()
-    largest = checked(name, largest, lambda v: v > 0, "a vector that is not zero")
+    return _unit(vector, checked(name, _largest(vector), lambda v: v > 0, "a vector that is not zero"))
+
+
+@jax.jit
+def _largest(vector: Array) -> Array:
+    return jnp.abs(vector).max()
+
+
+@jax.jit
+def _unit(vector: Array, largest: Array) -> Array:
     scaled = vector / largest
     return scaled / jnp.sqrt((scaled * scaled).sum())
 
@@ -305,16 +314,22 @@ def _rotation(forward: Array, up: Array, handedness: str) -> Array:
     one_of("handedness", handedness, ("right", "left"))
     side = 1 if handedness == "right" else -1
     forward, up = normalised("forward", forward), normalised("up", up)
-    right = side * jnp.cross(forward, up)
-    size = jnp.sqrt((right * right).sum())
+    size = _sine_between(forward, up)
     # Vectors parallel up to rounding define no orientation.
-    right = checked(
-        "up",
-        right,
-        lambda _: jnp.broadcast_to(size > 8 * jnp.finfo(size.dtype).eps, (3,)),
-        "a direction that is not parallel to forward",
-    )
-    right = right / size
+    least = 8 * jnp.finfo(size.dtype).eps
+    size = checked("up", size, lambda v: v > least, "a direction that is not parallel to forward")
+    return _rows(forward, up, size, side)
+
+
+@jax.jit
+def _sine_between(forward: Array, up: Array) -> Array:
+    right = jnp.cross(forward, up)
+    return jnp.sqrt((right * right).sum())
+
+
+@jax.jit
+def _rows(forward: Array, up: Array, size: Array, side: int) -> Array:
+    right = side * jnp.cross(forward, up) / size
     return jnp.stack([right, side * jnp.cross(right, forward), forward])
 
 

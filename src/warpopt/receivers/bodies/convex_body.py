@@ -60,9 +60,8 @@ class ConvexBody(Receivers):
         if planes.ndim != 2 or planes.shape[1] != 4:
             raise ValueError(f"planes: got shape {planes.shape}, expected (K, 4)")
         planes = checked("planes", planes, lambda p: abs(p) < np.inf, "finite numbers")
-        largest = jnp.abs(planes[:, :3]).max(1)  # divide by it first, so that no square over- or underflows
-        planes = planes / checked("planes", largest, lambda v: v > 0, "normals that are not zero")[:, None]
-        self.planes = planes / jnp.sqrt((planes[:, :3] ** 2).sum(1))[:, None]
+        largest = checked("planes", _largest(planes), lambda v: v > 0, "normals that are not zero")
+        self.planes = _of_unit_normals(planes, largest)
 
     @classmethod
     def box(cls, lower: Numbers, upper: Numbers) -> "ConvexBody":
@@ -79,10 +78,7 @@ class ConvexBody(Receivers):
                 raise ValueError(f"{name}: got shape {value.shape}, expected (3,)")
             checked(name, value, lambda v: v == v, "numbers")
         upper = checked("upper", upper, lambda v, lower: v >= lower, "numbers >= those of lower", lower)
-        reach = _reach(lower.dtype)
-        lower, upper = (jnp.clip(value, -reach, reach) for value in (lower, upper))
-        eye = jnp.eye(3, dtype=lower.dtype)
-        return cls(jnp.concatenate([jnp.c_[eye, -lower], jnp.c_[-eye, upper]]))
+        return cls(_box_planes(lower, upper))
 
     def footprint(self, camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
         """See `Receivers`."""
@@ -151,6 +147,26 @@ class ConvexBody(Receivers):
 def _reach(dtype) -> float:
     """Distance at which a box without a side is cut: beyond any frustum, but with squares that do not overflow."""
     return float(jnp.finfo(dtype).max) ** 0.25
+
+
+@jax.jit
+def _largest(planes: Array) -> Array:
+    """Of each normal; it is divided by first, so that no square over- or underflows."""
+    return jnp.abs(planes[:, :3]).max(1)
+
+
+@jax.jit
+def _of_unit_normals(planes: Array, largest: Array) -> Array:
+    planes = planes / largest[:, None]
+    return planes / jnp.sqrt((planes[:, :3] ** 2).sum(1))[:, None]
+
+
+@jax.jit
+def _box_planes(lower: Array, upper: Array) -> Array:
+    reach = _reach(lower.dtype)
+    lower, upper = (jnp.clip(value, -reach, reach) for value in (lower, upper))
+    eye = jnp.eye(3, dtype=lower.dtype)
+    return jnp.concatenate([jnp.c_[eye, -lower], jnp.c_[-eye, upper]])
 
 
 def _beyond_reach(vertices: Array, valid: Array) -> Array:
