@@ -6,7 +6,7 @@ by one; what is found is then solved over the receivers themselves, so that erro
 """
 
 import functools
-from collections.abc import Callable
+import itertools
 from typing import NamedTuple
 
 import equinox as eqx
@@ -22,12 +22,12 @@ from ..receivers.weighted.cells import EXACT
 from ..solve.scene import settled_scene, solve_scene
 from ..solve.solution import SceneSolution
 from ..views import SceneView, one_light
-from .chain import best_chain, between
 from .splits import even_in_the_logarithm
 
 _STEPS = 60  # of the search for the common error: bisection shrinks its interval to rounding
-_POINTS = 17  # depths that each split may have, even in the logarithm: of the whole range, then of two steps of it
-_ROUNDS = 4
+_FEW = 64  # depths that means are split at: 2,016 cascades between them
+_FINER, _ROUNDS = 9, 4  # then about each split; the last steps are a 16,000th of the range's logarithm
+_TOGETHER = 256  # cascades in one call
 _GRID = 513  # depths to split a body at, or many pixels: far/near of 1e4 in steps of two per cent
 _CLOSE = 2e-3  # of the common error, over cells
 
@@ -157,7 +157,9 @@ def _equalised(view: SceneView, ends: Array, scale: Array, overlap: float, objec
     as the level rises. What any chain attains bounds the least error from above; from below do the levels that the last
     cascade exceeds, and at first the least error of the logarithmic split (Theorem 2).
     """
-    depths = _depths(view, ends)
+    depths = _between_all(view, ends, EXACT)
+    if depths is None:
+        depths = even_in_the_logarithm(ends[0], ends[1], np.linspace(0, 1, _GRID))
     coarse = view.receivers.of_cells
     # Cells are coarser than a thousandth; points are exact.
     close = _CLOSE if coarse else 4 * jnp.finfo(ends.dtype).eps
@@ -236,49 +238,80 @@ def _equalised(view: SceneView, ends: Array, scale: Array, overlap: float, objec
     return jnp.concatenate([ends[:1], depths[at[:-1]], ends[1:]])
 
 
-def _depths(view: SceneView, ends: Array) -> Array:
-    """Depths to split at: between every two receivers if they are few, else even in the logarithm."""
+@functools.partial(jax.jit, static_argnames=("most",))
+def _between_all(view: SceneView, ends: Array, most: int) -> Array | None:
+    """Depths between every two receivers, and the ends; None for more than `most`, and for others than points."""
+    if not isinstance(view.receivers, OneByOne):
+        return None
     points, there = view.receivers.places(view.camera)
-    if isinstance(view.receivers, OneByOne) and len(points) <= EXACT:
-        z = jnp.sort(jnp.where(there > 0, points[:, 2], ends[1]))
-        between = jnp.sqrt(z[:-1]) * jnp.sqrt(z[1:])
-        return jnp.concatenate([ends[:1], jnp.clip(between, *ends), ends[1:]])
-    return ends[0] * jnp.exp(jnp.log(ends[1] / ends[0]) * jnp.linspace(0, 1, _GRID, dtype=ends.dtype))
+    if len(points) > most:
+        return None
+    z = jnp.sort(jnp.where(there > 0, points[:, 2], ends[1]))
+    between = jnp.sqrt(z[:-1]) * jnp.sqrt(z[1:])
+    return jnp.concatenate([ends[:1], jnp.clip(between, *ends), ends[1:]])
 
 
 def _least_sum(view: SceneView, ends: Array, scale: Array, overlap: float, objective: Objective, warp: bool) -> Array:
-    """Means: a dynamic programme over bins of depth, then over finer ones about each split."""
-    low, high = (jnp.broadcast_to(end, len(scale) - 1) for end in ends)
-    found = low
-    for _ in range(_ROUNDS):
-        found, low, high = _chain(view, ends, low, high, scale, overlap, objective, warp)
-    return jnp.concatenate([ends[:1], found, ends[1:]])
+    """Means: a dynamic programme over depths, exact where those are between all receivers; else again over finer ones
+    about each split."""
+
+    def chain(depths: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        costs = np.full((len(depths), len(depths)), np.inf)
+        for part in np.split(pairs, range(_TOGETHER, len(pairs), _TOGETHER)):
+            # As many in each call: one program.
+            a, b = depths[np.pad(part, ((0, _TOGETHER - len(part)), (0, 0)), mode="edge")].T
+            costs[tuple(part.T)] = np.asarray(_costs(view, ends, a, b, overlap, objective, warp))[: len(part)]
+        return depths[_best_chain(costs, weights)]
+
+    weights = np.asarray(scale) ** -objective.order
+    grid = _between_all(view, ends, _FEW)
+    exact = grid is not None
+    depths = np.asarray(grid if exact else even_in_the_logarithm(ends[0], ends[1], np.linspace(0, 1, _FEW)))
+    found = chain(depths, np.argwhere(np.triu(np.ones((len(depths), len(depths)), bool))))
+    step = np.log(depths[1] / depths[0])
+    for _ in range(0 if exact else _ROUNDS):
+        about = np.clip(found[:, None] * np.exp(step * np.linspace(-1, 1, _FINER)), *depths[[0, -1]])
+        numbers = np.split(np.arange(1, about.size + 1), len(about))
+        groups = [np.zeros(1, int), *numbers, np.full(1, about.size + 1)]
+        pairs = np.concatenate([np.stack(np.meshgrid(*two), -1).reshape(-1, 2) for two in itertools.pairwise(groups)])
+        found = chain(np.concatenate([depths[:1], about.ravel(), depths[-1:]]), pairs)
+        step *= 2 / (_FINER - 1)
+    return jnp.concatenate([ends[:1], jnp.asarray(found, ends.dtype), ends[1:]])
 
 
-def _shares(view: SceneView, ends: Array, objective: Objective) -> Callable[[Array, Array], Array]:
-    """What the mean over receivers between two depths counts for in the sum over all."""
-    if view.receivers.of_cells:  # its norms are already over the sum of all weights
-        return lambda a, b: jnp.ones_like(a)
-    mass = view.receivers.mass_up_to(view.camera, objective)
-    return lambda a, b: mass(b) - jnp.where(a <= ends[0], 0, mass(a))
+def _best_chain(costs: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Where all cascades but the last end, from the first depth to the last: the least sum of costs times weights.
+
+    Args:
+        costs: (N, N) of a cascade from one depth to another.
+        weights: (K,) of each cascade's costs.
+    """
+    best, choices = weights[0] * costs[0], []
+    for weight in weights[1:]:
+        total = best[:, None] + weight * costs
+        choices.append(total.argmin(0))
+        best = total.min(0)
+    at = [len(costs) - 1]
+    for choice in reversed(choices):
+        at.append(choice[at[-1]])
+    return np.array(at[:0:-1])
 
 
 @functools.partial(jax.jit, static_argnames=("objective", "warp"))
-def _chain(
-    view: SceneView, ends: Array, low: Array, high: Array, scale: Array, overlap: Array | float, objective: Objective,
-    warp: bool,
-) -> tuple[Array, Array, Array]:  # fmt: skip
-    P = objective.order
-    share_of = _shares(view, ends, objective)
+def _costs(
+    view: SceneView, ends: Array, a: Array, b: Array, overlap: Array | float, objective: Objective, warp: bool
+) -> Array:
+    """What cascades between two depths add to the sum of E^P over all receivers; inf for a negative length."""
+    if view.receivers.of_cells:  # its norms are already over the sum of all weights
+        shares = jnp.ones_like(a)
+    else:
+        mass = view.receivers.mass_up_to(view.camera, objective)
+        shares = mass(b) - jnp.where(a <= ends[0], 0, mass(a))
 
     def one(part: tuple[Array, Array, Array]) -> Array:
-        a, b, k = part
-        start = jnp.where(k > 0, jnp.maximum(a * (1 - overlap), ends[0]), a)
+        a, b, share = part
+        start = jnp.maximum(a * (1 - overlap), ends[0])
         value = _error(view, start, jnp.maximum(b, start * (1 + 1e-6)), objective, warp)
-        whole = share_of(a, b) * (value / scale[k]) ** P
-        return jnp.where(b > a, whole, jnp.where(b == a, 0, jnp.inf))
+        return jnp.where(b > a, share * value**objective.order, jnp.where(b == a, 0, jnp.inf))
 
-    def cost(a: Array, b: Array, k: Array) -> Array:
-        return jax.lax.map(one, (a, b, k), batch_size=64)
-
-    return best_chain(ends[0], ends[1], between(low, high, _POINTS), cost)
+    return jax.lax.map(one, (a, b, shares), batch_size=64)
