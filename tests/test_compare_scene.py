@@ -89,15 +89,14 @@ def test_norms_are_the_largest_error_over_the_receivers(boxed, vertices):
 
 def test_bounds_are_those_that_are_known():
     """Each light's own; of the maximum of E_p and E_q the larger; where there is none, the reason in words."""
-    both = warpopt.SceneView(CAMERA, lights_of(LIGHTS[:2]), BODY)
     views = [warpopt.SceneView(CAMERA, warpopt.DirectionalLight(direction), BODY) for direction in LIGHTS[:2]]
     each = {m: [warpopt.lower_bound(view, warpopt.Objective(m)) for view in views] for m in ("p", "q")}
     for metric, expected in (*each.items(), ("max", np.maximum(each["p"], each["q"]))):
-        found, reason = over_scene._bounds(both, warpopt.Objective(metric))
+        found, reason = over_scene._bounds(views, warpopt.Objective(metric))
         np.testing.assert_allclose(found, expected, rtol=10 * EPS)
         assert reason is None
     for metric, norm, words in (("pxq", "inf", "a product of E_p and E_q"), ("q", "l2", "E_q in L_2")):
-        found = over_scene._bounds(both, warpopt.Objective(metric, norm))
+        found = over_scene._bounds(views, warpopt.Objective(metric, norm))
         assert found == (None, f"No lower bound is known for {words}.")
 
 

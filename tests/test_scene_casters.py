@@ -7,9 +7,10 @@ import jax
 import numpy as np
 import pytest
 from gltf_cases import Builder
-from scene_cases import BOX, toml
+from scene_cases import BOX, invoke, run, strict, toml
 
 import warpopt
+from warpopt.app import cli
 from warpopt.app.common.settings import ConfigError, read_config
 from warpopt.app.inputs.scene_files import read_scene
 from warpopt.app.inputs.scene_values import box_of, under_light, views_of
@@ -80,7 +81,7 @@ def test_reversed_buffers_are_fine_far_from_the_light():
     """One group: u from 1/2 to 1, A = 1, span 8."""
     one, half = np.ones(1), np.full(1, 0.5)
     cells = DepthCells(np.ones(1, bool), (one, one), (half, one), (one, one), (one, one))
-    depth = MapDepth(*(np.float64(v) for v in (0, -8, 0, -8, 1)))
+    depth = MapDepth(*(np.float64(v) for v in (0, -8, 0, -8, 1)), np.bool_(False))
     plain, turned = (depth_numbers(depth, cells, flag, False)["steps"]["d32f"] for flag in (False, True))
     assert plain == {"smallest": 8 * 2.0**-25, "largest": 8 * 2.0**-24}
     assert turned == {"smallest": 8 * 2.0**-149, "largest": 8 * 2.0**-25}
@@ -116,3 +117,31 @@ def test_casters_of_their_own_are_read(folder):
     ):
         with pytest.raises(ConfigError, match=words):
             shape_of(BOX, more)
+
+
+def test_boxes_without_ends_are_read_by_every_command(folder):
+    """As receivers; and run.json has what was asked."""
+    endless = "box = { lower = [-inf, 0, -inf], upper = [inf, 8, -5] }"
+    record = run(toml(endless, more="[objective]\nmetrics = 'p'\n[casters]\n" + BOX))
+    assert record["problems"][0]["eta"] > 0
+    assert strict(Path("out/run.json"))["config"]["receivers"]["box"]["lower"] == ["-inf", 0, "-inf"]
+    for command in ("compare", "cascades"):
+        more = "" if command == "compare" else "[cascades]\ncount = 2\nbeside = ['uniform']\n"
+        Path("other.toml").write_text(toml(endless, more=more).replace("'out'", f"'{command}'"))
+        with pytest.raises(SystemExit) as ended:
+            cli.main([command, "other.toml"])
+        assert ended.value.code == 0
+        assert strict(Path(command, "run.json"))["config"]["receivers"]["box"]["upper"][0] == "inf"
+
+
+def test_a_warp_without_a_matrix_is_no_success(folder, capsys):
+    """Casters as far as numbers go: said on the terminal and in the report, and the command fails."""
+    far = "[casters]\nbox = { lower = [-1e308, -1e308, -1e308], upper = [1e308, 1e308, 1e308] }\n"
+    Path("scene.toml").write_text(toml(BOX, more="[objective]\nmetrics = 'p'\n" + far))
+    assert invoke("scene.toml") == 1
+    words = "1 problem(s) have no matrix: casters: got ones so far before the receivers"
+    assert words in " ".join(capsys.readouterr().out.split())
+    assert words in Path("out/report.md").read_text()
+    (problem,) = strict(Path("out/scene.json"))["problems"]
+    assert problem["matrix"] is None
+    assert problem["eta"] > 0

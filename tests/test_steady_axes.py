@@ -1,12 +1,17 @@
 """The axes of a map without a warp, under a light next to the view's direction."""
 
+from pathlib import Path
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scene_cases import BOX, run, strict, toml
 
 from warpopt import Camera, DirectionalLight, Outcome, SceneView, optimal_warp
+from warpopt.app import cli
+from warpopt.receivers import PointReceivers
 
 CAMERA = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), 1.0, 100.0, np.pi / 6, 1.6)
 
@@ -73,3 +78,35 @@ def test_the_frame_before_breaks_ties():
             optimal_warp(seen, previous=bad)
     with pytest.raises(ValueError, match="warp_direction: got 'steady', which optimal_warp finds"):
         view.frame()
+
+
+def test_the_frame_before_breaks_ties_with_the_view_s_own_axes():
+    """Where eta = 1 along the view too: a light that turns about the view moves no map for 0.01 %."""
+    camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), 1.0, 100.0, np.pi / 6)
+    angle = 2 * np.pi * np.arange(64) / 64
+    rings = [
+        np.stack([3 * np.cos(angle + a), 3 * np.sin(angle + a), 0 * angle - z], 1) for a, z in ((0, 10), (0.05, 12))
+    ]
+    before, first, own = None, None, []
+    for phi in np.linspace(0.02, 1.5, 6):
+        light = DirectionalLight(np.array([1e-4 * np.cos(phi), 1e-4 * np.sin(phi), -1]))
+        view = SceneView(camera, light, PointReceivers(np.concatenate(rings)), warp_direction="steady")
+        before = optimal_warp(view, previous=before)
+        first = before if first is None else first
+        own.append(float(before.unturned) < float(before.value))
+        assert abs(float(before.direction @ first.direction)) > 1 - 1e-6
+    assert any(own)
+
+
+def test_commands_take_it(tmp_path, monkeypatch):
+    """With the limit along the axes that were found."""
+    monkeypatch.chdir(tmp_path)
+    text = toml(BOX, more="[objective]\nmetrics = 'p'\n[warp]\ndirection = 'steady'\n")
+    (problem,) = run(text)["problems"]
+    assert problem["over_limit"] > 0.9
+    Path("compare.toml").write_text(text.replace("'out'", "'compare'"))
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["compare", "compare.toml"])
+    assert ended.value.code == 0
+    (told,) = strict(Path("compare/compare.json"))["objectives"]
+    assert told["limit"] == pytest.approx([problem["limit"]], rel=1e-12)

@@ -192,6 +192,7 @@ def test_a_warp_says_whether_the_table_keeps_its_promise(wide):
     ]).T  # fmt: skip
     warp = wide.warp(warpopt.ViewFrustum(2.0, far, fov), theta)
     assert warp.promised.tolist() == [True, True, True, False, False, False, False, True]
+    assert warp.over(warpopt.theory.Extent(warp.start, warp.mu / 2)).promised.tolist() == warp.promised.tolist()
     single = jax.tree.map(lambda v: v.astype(np.float32), warpopt.ViewFrustum(2.0, far, fov))
     assert wide.warp(single, theta.astype(np.float32)).promised.tolist() == warp.promised.tolist()
     assert warpopt.Warp.from_eta(0.5, warpopt.FrustumView(warpopt.ViewFrustum(1.0, 2.0, 0.5), 1.0)).promised is None

@@ -66,7 +66,10 @@ def compare_over_scene(
     none = np.ones_like(unwarped), np.zeros(count, bool), unwarped
     eta, defined, values = (np.stack(v) for v in zip(*(found.get(name, none) for name in every), strict=True))
     values = np.where(defined & ~failed_on_host(solution.result), values, np.nan)
-    bound, reason = _bounds(view, objective)
+    views = [_one_of(view, k) for k in range(count)]
+    if view.searched:  # the bound is along the optimum's direction
+        views = [one.along(jax.tree.map(lambda v, k=k: v[k], solution)) for k, one in enumerate(views)]
+    bound, reason = _bounds(views, objective)
     theta = np.asarray(solution.frame.theta)
     why = None
     if len(found) < len(every):
@@ -145,12 +148,12 @@ def _far(view: SceneView) -> Array:
     return jnp.where(far < jnp.inf, far, jnp.where(farthest > near, farthest, 2 * near))
 
 
-def _bounds(view: SceneView, objective: Objective) -> tuple[NDArray | None, str | None]:
-    """(each light's lower bound, or None and the reason as text)."""
+def _bounds(views: list[SceneView], objective: Objective) -> tuple[NDArray | None, str | None]:
+    """(each view's lower bound, or None and the reason as text)."""
     if objective.no_bound_because:
         return None, objective.no_bound_because
     try:
-        bounds = [lower_bound(_one_of(view, k), objective) for k in range(len(view.light.direction))]
+        bounds = [lower_bound(view, objective) for view in views]
     except ValueError as error:  # receivers without a profile; all other errors were checked before
         return None, f"No lower bound is known: {error}."
     return np.array(bounds), None

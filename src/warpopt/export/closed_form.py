@@ -10,7 +10,7 @@ import numpy as np
 
 from .._words import one_of
 from .languages import Language
-from .program import ETA_NOTE, HOW_TO, LAMBDA_NOTE, NO_WARP, Function, Program, text_of
+from .program import ETA_NOTE, HOW_TO, LAMBDA_NOTE, LARGEST, NO_WARP, Function, Program, text_of
 
 Metric = Literal["p", "q", "pxq"]
 
@@ -34,7 +34,7 @@ float found = -1.0f;
 if (z_near > 0.0f && z_far > z_near && half_fov > 0.0f && half_fov < $HALF_PI) {
     float ratio = 0.0f;
     float share = 1.0f;
-    if (z_far <= $NO_WARP) {
+    if (z_far <= $LARGEST) {
         ratio = z_near / z_far;
         share = (z_far - z_near) / z_far;
     }
@@ -52,7 +52,8 @@ _P = """
     float excess = 2.0f * (share * s - ratio * t);
     if (a > 0.0f) { excess = share * s + (share - 2.0f * ratio) * t; }
     if (excess > 0.0f) {
-        float c = sqrt(ratio);
+        float c = 0.0f;
+        if (z_far <= $LARGEST) { c = sqrt(z_near) / sqrt(z_far); }
         float tie = (c * (1.0f + c) * up + 2.0f * c * t - (1.0f + c) * down) / mu;
         found = g / excess;
         if (tie > found) { found = tie; }
@@ -73,10 +74,7 @@ _PXQ = """
     float c2 = excess + m;
     if (c2 > 0.0f) {
         float c = 0.0f;
-        if (ratio > 0.0f) {
-            c = exp(log(ratio) / 3.0f);
-            c = c - (c - ratio / (c * c)) / 3.0f;
-        }
+        if (z_far <= $LARGEST) { c = $cube_root(z_near) / $cube_root(z_far); }
         float square = c * c;
         float sum = 1.0f + c + square;
         float tie = ((square * up - down) * sum + 2.0f * square * t) / ((1.0f + c) * mu);
@@ -91,6 +89,11 @@ _PXQ = """
         if (tie > found) { found = tie; }
         if (found < 0.0f) { found = 0.0f; }
     }
+"""
+# Roots of each: n/f itself may underflow.
+_CUBE_ROOT = """
+float root = exp(log(x) / 3.0f);
+return root - (root - x / (root * root)) / 3.0f;
 """
 _END = """
 }
@@ -109,9 +112,10 @@ float t = tan(half_fov) * abs(cos(theta));
 float above = $upper_slope(theta, half_fov);
 if (above < 0.0f) { above = 0.0f; }
 float lambda = $NO_WARP;
-if (weight < $NO_WARP && z_far <= $NO_WARP) {
+if (weight < $NO_WARP && z_far <= $LARGEST) {
     float share = (z_far - z_near) / z_far;
     lambda = (share * above + 2.0f * t) * weight * z_far;
+    if (!(lambda < $NO_WARP)) { lambda = $NO_WARP; }
 }
 return lambda;
 """
@@ -156,10 +160,13 @@ def closed_form(metric: str) -> tuple[dict[str, int | float], tuple[Function, ..
     """
     one_of("metric", metric, get_args(Metric))
     pi = np.float32(np.pi)
-    constants = {"PI": float(pi), "PI_REST": np.pi - float(pi), "HALF_PI": np.pi / 2, "NO_WARP": NO_WARP}
+    constants = {"PI": float(pi), "PI_REST": np.pi - float(pi), "HALF_PI": np.pi / 2}
+    constants |= {"NO_WARP": NO_WARP, "LARGEST": LARGEST}
     case = {"p": _P, "q": _Q, "pxq": _PXQ}[metric]
     body = "\n".join(part.strip("\n") for part in (_SPACE, case, _END))
+    roots = () if metric != "pxq" else (Function("cube_root", "Of x > 0.", ("x",), _CUBE_ROOT),)
     return constants, (
+        *roots,
         Function("upper_slope", "Slope of the upper side plane along the warp.", ("theta", "half_fov"), _SLOPE),
         Function("lambda_over_mu", "lambda over the depth range mu; 3.4e38: no warp.", _PARAMETERS, body),
         Function("eta", ETA_NOTE, _PARAMETERS, _ETA),
@@ -174,4 +181,6 @@ def _notes(metric: str) -> list[str]:
         f"Optimal shadow-map warp, warpopt {__version__}. Generated; do not edit.",
         f"E_{metric}, norm inf over the whole view frustum: the exact closed form.",
         "Regret promised 0, achieved that of single precision. theta in [0, pi], half_fov in (0, pi/2), in radians.",
+        "eta = 0: below the least number, or the limit for an infinite z_far, which no map has: give the farthest",
+        "receiver's depth.",
     ]

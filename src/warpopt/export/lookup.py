@@ -8,7 +8,7 @@ import numpy as np
 
 from ..table.lambda_table import LambdaTable
 from .languages import Language
-from .program import ETA_NOTE, HOW_TO, LAMBDA_NOTE, NO_WARP, Function, Program, text_of
+from .program import ETA_NOTE, HOW_TO, LAMBDA_NOTE, LARGEST, NO_WARP, Function, Program, text_of
 
 # The position of a value on an axis of several rows: the row, and the fraction of the way to the next row.
 _RATIO = """
@@ -124,10 +124,10 @@ float s = abs(sin(angle));
 float t = {tangent} * abs(cos(angle));
 float above = s - t;
 if (above < 0.0f) {{ above = 0.0f; }}
-float mu = (z_far - z_near) * above + 2.0f * z_far * t;
 float lambda = $NO_WARP;
-if (eta < 1.0f && mu > 0.0f && z_near > 0.0f && z_far > z_near && z_far < $NO_WARP) {{
-    lambda = mu * eta / (1.0f - eta);
+if (eta < 1.0f && z_near > 0.0f && z_far > z_near && z_far <= $LARGEST) {{
+    float mu = (z_far - z_near) / z_far * above + 2.0f * t;
+    if (mu > 0.0f) {{ lambda = mu * (eta / (1.0f - eta)) * z_far; }}
 }}
 if (!(lambda < $NO_WARP)) {{ lambda = $NO_WARP; }}
 return lambda;
@@ -158,7 +158,7 @@ def source(table: LambdaTable, language: Language, prefix: str = "warpopt") -> s
     axes = [name for name, axis in (("ratio", rows.depth_ratio), ("fov", rows.half_fov)) if len(axis) > 1]
     pi = float(np.float32(np.pi))
     constants = {"KNOTS": table.theta.shape[-1], "PI": pi, "PI_REST": np.pi - pi, "HALF_PI": np.pi / 2}
-    constants["NO_WARP"] = NO_WARP
+    constants |= {"NO_WARP": NO_WARP, "LARGEST": LARGEST}
     arrays, parameters, tangent = {}, ("theta", "z_near", "z_far"), "$TAN_PHI"
     if "ratio" in axes:
         constants["RATIOS"], arrays["ROOT_RATIO"] = len(rows.depth_ratio), np.sqrt(rows.depth_ratio)

@@ -15,6 +15,7 @@ from .._words import shown
 from .languages import Language, spelt_names
 
 NO_WARP = 3.4e38  # for lambda = inf: shading languages leave infinities undefined
+LARGEST = float(np.finfo(np.float32).max)  # what is above it is infinite
 ETA_NOTE = "eta in (0, 1] of the angle theta (radians) between light and view; 1: no warp."
 LAMBDA_NOTE = "lambda, the warp's near-plane distance, in units of z_near; 3.4e38: no warp."
 

@@ -20,9 +20,9 @@ return found;
 # notation: band = log(1 - overlap), as long in the logarithm as each band; whole and piece likewise
 _SPLIT = """
 float found = 0.0f;
-if (z_near > 0.0f && z_far > z_near && z_far <= $NO_WARP && overlap >= 0.0f && overlap < 1.0f) {
+if (z_near > 0.0f && z_far > z_near && z_far <= $LARGEST && overlap >= 0.0f && overlap < 1.0f) {
     float reach = (z_far - z_near) / z_near;
-    if (reach <= $NO_WARP && count >= 1.0f && count <= $MOST_MAPS && count == floor(count)) {
+    if (reach <= $LARGEST && count >= 1.0f && count <= $MOST_MAPS && count == floor(count)) {
         float band = $log_of_one_and(0.0f - overlap);
         float whole = $log_of_one_and(reach);
         if (whole + band > 0.0f || count < 1.5f) {

@@ -13,25 +13,27 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._checks import Numbers, checked, float_arrays
+from .._checks import Numbers, checked, float_arrays, is_traced
 from ..receivers import ConvexBody
 from ..receivers.bins import BINS, bin_of
 from ..receivers.footprint import Footprint
 from ..receivers.polytope import vertices_of
 from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
+from .hull import hull_triangles
 
 _SIDES = 32  # of the base of the sweep: what it holds beyond the receivers is at most 7 % of the depth in 100 scenes
 _CHUNK = 2048  # triangles clipped at once
-# Directions in which points are bounded, up to their sign: those of a box are among them, so that its corners are the
-# box itself. Of other points the body between these planes is a hull that is somewhat too large.
+# Directions in which traced points are bounded, up to their sign: those of a box are among them, so that its corners
+# are the box itself. Of other points the body between these planes is a hull that is somewhat too large.
 _BETWEEN = np.array([d for d in itertools.product((-1, 0, 1), repeat=3) if d > (0, 0, 0)], float)
 
 Casters = Float[Array, "T 3 3"] | ConvexBody
 
 
 def casters_of(casters: "Numbers | ConvexBody | None") -> "Casters | None":
-    """Triangles or a convex body; points become the body between planes about them. None for none.
+    """Triangles or a convex body; points become their hull's triangles, or if traced the body between planes about
+    them. None for none.
 
     Raises:
         ValueError: anything else, or values that are not finite.
@@ -46,7 +48,9 @@ def casters_of(casters: "Numbers | ConvexBody | None") -> "Casters | None":
     points = checked("casters", points, lambda v: abs(v) < np.inf, "finite numbers")
     if not len(points):
         return None
-    return points if points.ndim == 3 else ConvexBody(_planes_about(points))
+    if points.ndim == 3:
+        return points
+    return ConvexBody(_planes_about(points)) if is_traced(points) else jnp.asarray(hull_triangles(np.asarray(points)))
 
 
 @jax.jit
@@ -132,11 +136,9 @@ class Nearest(NamedTuple):
     def binned(self) -> "Nearest":
         """Fewer: of each bin of delta. A differs by 4 % within one."""
         which = bin_of(self.low, BINS)
-        ends = (
-            jnp.where(jnp.isfinite(self.height), self.low, jnp.inf),
-            jnp.where(jnp.isfinite(self.height), self.high, -jnp.inf),
-        )
-        least = jax.ops.segment_min(jnp.stack([self.height, ends[0], -ends[1]], 1), which, BINS)
+        there = self.height < jnp.inf
+        ends = jnp.where(there, self.low, jnp.inf), jnp.where(there, -self.high, jnp.inf)
+        least = jax.ops.segment_min(jnp.stack([self.height, *ends], 1), which, BINS)
         there = least[:, 0] < jnp.inf
         low, high = jnp.where(there, least[:, 1], 0), jnp.where(there, -least[:, 2], 0)
         return Nearest(low, high, jnp.where(there, least[:, 0], jnp.inf))
@@ -166,8 +168,16 @@ def _of_body(body: ConvexBody, camera: Camera, prism: Prism) -> Nearest:
 
 
 def _of_triangles(triangles: Float[Array, "T 3 3"], camera: Camera, prism: Prism) -> Nearest:
-    corners = prism.places((triangles.astype(camera.position.dtype) - camera.position) @ camera.rotation.T)
-    real = jnp.isfinite(corners).all((1, 2))
+    """NaN for no triangle."""
+    own = triangles.astype(camera.position.dtype)
+    corners = prism.places((own - camera.position) @ camera.rotation.T)
+    # What is so large that products of two lengths overflow counts whole, at every depth.
+    small = (jnp.abs(corners) < 0.1 * jnp.finfo(own.dtype).max ** 0.5).all((1, 2))
+    real = small & ~jnp.isnan(own).any((1, 2))
+    large = ~small & ~jnp.isnan(own).any((1, 2))
+    heights = corners[..., 1].min(1) * prism.lengths[1]
+    heights = jnp.where(large, jnp.where(jnp.isfinite(heights), heights, -jnp.inf), jnp.inf)
+    whole = Nearest(jnp.zeros_like(heights), jnp.ones_like(heights), heights)
     corners = jnp.where(real[:, None, None], corners, 0)
     inside = prism.offsets - corners[..., ::2] @ prism.normals.T  # (T, 3, K), >= 0 inside
     # Edges, clipped by each side: t from their first to their second end.
@@ -186,10 +196,11 @@ def _of_triangles(triangles: Float[Array, "T 3 3"], camera: Camera, prism: Prism
     def area(p: Array, q: Array, r: Array) -> Array:
         return (q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1]) - (q[..., 1] - p[..., 1]) * (r[..., 0] - p[..., 0])
 
-    whole = area(a, b, c)
+    size = area(a, b, c)
     parts = jnp.stack([area(base, b, c), area(base, c, a), area(base, a, b)], -1)
-    parts = parts / jnp.where(whole != 0, whole, 1)[:, None]
-    through = real & (whole != 0) & (parts >= 0).all(-1)
+    parts = parts / jnp.where(size != 0, size, 1)[:, None]
+    through = real & (size != 0) & (parts >= 0).all(-1)
     heights = (parts * corners[..., 1]).sum(-1)
     places = jnp.stack([heights, heights, base[..., 1] + 0 * heights], -1)
-    return Nearest(*(jnp.concatenate(v) for v in zip(*clipped, Nearest.at(places, through, prism), strict=True)))
+    every = *clipped, Nearest.at(places, through, prism), whole
+    return Nearest(*(jnp.concatenate(v) for v in zip(*every, strict=True)))

@@ -23,6 +23,7 @@ class MapDepth(NamedTuple):
         least, largest: lengths along the light over A.
         first: the receivers' own least.
         extent: of the receivers along the light, over that of all together.
+        bounded: whether the casters are points that were traced, of which a body about them counts whole.
     """
 
     reference: Float[Array, ""]
@@ -30,6 +31,7 @@ class MapDepth(NamedTuple):
     largest: Float[Array, ""]
     first: Float[Array, ""]
     extent: Float[Array, ""]
+    bounded: Bool[Array, ""]
 
     @property
     def share(self) -> Float[Array, ""]:
@@ -97,7 +99,7 @@ def map_depth(
     # What is left of one depth is rounding, which must not become the whole of the map's.
     one = largest - least <= rounding / blends.min()
     least, own = (jnp.where(one, largest - footprint.mu, v) for v in (least, own))
-    return MapDepth(first + reference, least, largest, own, extent)
+    return MapDepth(first + reference, least, largest, own, extent, jnp.zeros((), bool))
 
 
 class DepthCells(NamedTuple):

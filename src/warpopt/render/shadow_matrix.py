@@ -88,9 +88,10 @@ def shadow_matrix(
         warp: a warp, or a solution. A warp made for another body keeps its apex: see `Warp.over`.
         clip_space: the graphics API's convention; OpenGL's by default.
         casters: the shadow casters: a `ConvexBody` that contains them, such as a box; triangles (T, 3, 3); or points
-            (N, 3) that bound them, such as a box's corners, which stand for the body between 26 planes about them (the
-            box itself). Only the part in the receivers' sweep towards the light counts: the map's depth begins where
-            that does. By default it begins at the receivers.
+            (N, 3) that bound them, such as a box's corners, which stand for their convex hull. Only the part in the
+            receivers' sweep towards the light counts: the map's depth begins where that does. Traced points stand for
+            the body between 26 planes about them, which is a box's itself and somewhat larger than another hull:
+            `MapDepth.bounded` says so. By default the depth begins at the receivers.
         depth_clamp: whether nearer casters are clamped to the map's depth when they are drawn, as Vulkan's
             depthClampEnable, Direct3D's DepthClipEnable = FALSE and OpenGL's GL_DEPTH_CLAMP do ("pancaking"): the depth
             begins at the receivers, whatever the casters.
@@ -135,11 +136,13 @@ def matrix_and_depth(
     if warp.eta.ndim:
         raise ValueError(f"warp: got shape {warp.eta.shape}, expected one; use jax.vmap over more")
     flag("depth_clamp", depth_clamp)
+    bounded = is_traced(casters) and not isinstance(casters, ConvexBody) and jnp.ndim(casters) == 2
     casters = casters_of(casters)
     convention = to_clip(clip_space, view.camera.position.dtype)
     matrix, lost, depth = _matrix(view, warp, None if depth_clamp else casters, np.array(padding), convention)
     refuse_lost(lost)
     refuse_no_depth(depth.extent)
+    depth = depth._replace(bounded=depth.bounded | bounded)
     return matrix.T if clip_space.row_vectors else matrix, depth
 
 

@@ -108,7 +108,8 @@ def _steady(view: SceneView, objective: Objective, min_eta: Array, previous: Arr
     own = failed(every.result[0]) | (every.result[0] == Outcome.empty)
     chosen = jnp.where(own, 0, jnp.argmin(values))
     if previous is not None:
-        kept = (values[-1] <= (1 + _AS_GOOD) * values[chosen]) & (chosen != 0)
+        warped = (chosen == 0) & ~every.warp.no_warp[0]
+        kept = (values[-1] <= (1 + _AS_GOOD) * values[chosen]) & ~(warped | own)
         chosen = jnp.where(kept, len(turned) - 1, chosen)
     solution = jax.tree.map(lambda v: v[chosen], every)
     unwarped = chosen > 0

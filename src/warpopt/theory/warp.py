@@ -187,7 +187,7 @@ def _over(warp: Warp, start: Array, mu: Array) -> Warp:
         jnp.where(kept, own, jnp.where(before, part / safe, jnp.nan))
         for own, part in ((warp.eta, lam), (warp.one_minus_eta, span))
     )
-    return Warp(eta, rest, start, mu, warp.defined & before)
+    return Warp(eta, rest, start, mu, warp.defined & before, warp.promised)
 
 
 def refuse_lost(lost: Bool[Array, "..."]) -> None:

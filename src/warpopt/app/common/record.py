@@ -37,7 +37,7 @@ def progress_bar(console: Console, steps: int) -> Iterator[Callable[[str], None]
 def environment(config: BaseModel, dtype: Any, timings: dict[str, float], others: tuple[str, ...] = ()) -> dict:
     """The data needed to repeat a run: configuration, versions (also of `others`), device, seconds."""
     return {
-        "config": config.model_dump(mode="json"),
+        "config": _strict(config.model_dump(mode="json")),
         "versions": {
             "python": platform.python_version(),
             **{name: importlib.metadata.version(name) for name in (*_PACKAGES, *others)},
@@ -46,6 +46,15 @@ def environment(config: BaseModel, dtype: Any, timings: dict[str, float], others
         "device": jax.devices()[0].platform,
         "timings": {key: round(value, 3) for key, value in timings.items()},
     }
+
+
+def _strict(value: Any) -> Any:
+    """Settings as strict JSON, with what TOML calls inf as text."""
+    if isinstance(value, dict):
+        return {key: _strict(part) for key, part in value.items()}
+    if isinstance(value, list):
+        return [_strict(part) for part in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @contextlib.contextmanager

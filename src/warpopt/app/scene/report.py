@@ -53,6 +53,7 @@ def scene_report(
     failures = [s for s in solved if not s.outcome.succeeded]
     if failures:
         parts.append(f"**{len(failures)} problem(s) could not be solved**; `scene.json` says why.\n")
+    parts += [f"**{words}**\n" for words in unmapped_words(solved)]
     empty = sum(s.outcome is warpopt.Outcome.empty for s in solved)
     if empty:
         parts.append(f"In {empty} problem(s) the camera sees no receivers: nothing needs a shadow map.\n")
@@ -75,6 +76,12 @@ def scene_report(
                 markdown_table(list(_HEADS.values()), rows),
             ]
     return "\n".join(part for part in parts if part)
+
+
+def unmapped_words(solved: list[Solved]) -> list[str]:
+    """A sentence for each reason why warps that were found have no matrix."""
+    reasons = [s.unmapped for s in solved if s.unmapped]
+    return [f"{reasons.count(why)} problem(s) have no matrix: {why}" for why in dict.fromkeys(reasons)]
 
 
 def _opening(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> str:

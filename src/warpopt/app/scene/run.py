@@ -22,7 +22,7 @@ from ..common.record import (
 )
 from ..inputs.scene_files import SceneInput
 from ..inputs.scene_settings import BoxReceivers
-from .report import scene_report, short
+from .report import scene_report, short, unmapped_words
 from .settings import SceneConfig
 from .solve import Solved, solve_scene
 from .stable import COLUMNS, courses, followed
@@ -48,7 +48,7 @@ _MOST_SHOWN = 24  # problems shown in the terminal; the report has all
 def run_scene(
     config: SceneConfig, scene: SceneInput, casters: np.ndarray | BoxReceivers | None, console: Console | None = None
 ) -> int:
-    """Solve, write, summarise; returns 0 if every problem was solved, otherwise 1.
+    """Solve, write, summarise; returns 0 if every problem was solved and has its matrix, otherwise 1.
 
     Raises:
         ConfigError: the output folder cannot be written, or is not an existing result.
@@ -77,7 +77,7 @@ def run_scene(
         write_mark(folder, environment(config, dtype, timings, used) | {"outcomes": outcomes})
     failures = sum(not s.outcome.succeeded for s in solved)
     _summarise(console, config, scene, solved, failures)
-    return 1 if failures else 0
+    return 1 if failures or any(s.unmapped for s in solved) else 0
 
 
 def _figures(config: SceneConfig, scene: SceneInput, solved: list[Solved], folder: Path) -> list[tuple[str, str]]:
@@ -150,4 +150,6 @@ def _summarise(console: Console, config: SceneConfig, scene: SceneInput, solved:
         console.print("The sun is below the horizon all the time: there is nothing to solve.")
     if failures:
         console.print(f"{failures} problem(s) failed; scene.json says which and why.", style="bold red")
+    for words in unmapped_words(solved):
+        console.print(words, style="bold red", soft_wrap=True, markup=False)
     console.print(f"Written: {config.output.directory}: report.md, scene.json, table.csv, run.json", soft_wrap=True)

@@ -52,6 +52,12 @@ class Solved(OfObjective):
     alone: bool
 
     @property
+    def unmapped(self) -> str | None:
+        """Why a warp that was found has no matrix; None where it has one, or none is needed."""
+        needed = self.outcome.succeeded and self.outcome is not warpopt.Outcome.empty
+        return self.row["no_matrix_because"] if needed and self.row["matrix"] is None else None
+
+    @property
     def title(self) -> str:
         camera = "" if self.alone else f"camera {self.camera}, "
         return f"{camera}light {self.light}, {self.objective.title}"
@@ -74,7 +80,9 @@ def solve_scene(
                 one = jax.tree.map(lambda v, k=k: v[k], found)
                 problem = _solved(one, (i, k), list(direction), objective, len(views) == 1)
                 problem.row["depth"] = _depth(one, config)
-                problem.row.update(_limit(under_light(view, k), objective, problem.row["value"]))
+                seen = under_light(view, k)
+                seen = seen.along(one.solution) if view.searched else seen
+                problem.row.update(_limit(seen, objective, problem.row["value"]))
                 solved.append(problem)
                 progress(problem.title)
     return solved
