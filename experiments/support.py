@@ -67,6 +67,7 @@ VERBS: dict[str, Callable[[Any, Any, Any], Any]] = {
     "`lower_bound`": lambda c, r, o: warpopt.lower_bound(warpopt.SceneView(c, _LIGHT, r), o),
     "`compare_rules`": lambda c, r, o: warpopt.compare_rules(warpopt.SceneView(c, _LIGHTS, r), ["lispsm"], o),
     "`StableWindow.update`": _window,
+    "`cascades.plan`": lambda c, r, o: warpopt.cascades.plan(warpopt.SceneView(c, _LIGHT, r), 2, o),
 }
 
 

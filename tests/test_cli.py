@@ -170,6 +170,14 @@ def test_every_flaw_is_reported_at_once_with_its_path(folder, capsys):
         (["run", "config.toml", "--view.fra", "3"], "view.fra: unknown key"),
         (["run", "config.toml", "--view", "3"], "view"),
         (["solve", "--near", "1", "--far", "0.5", "--half-fov-deg", "30", "--theta-deg", "60"], "far: got 0.5"),
+        (
+            ["rules", "--near", "0.1", "--far", "1e308", "--half-fov-deg", "30", "--theta-deg", "60"],
+            "far: got 1e+308, expected far/near of at most 1.12e+307",
+        ),
+        (
+            ["solve", "--near", "1", "--far", "inf", "--half-fov-deg", "30", "--theta-deg", "60"],
+            "far: got inf, expected a finite number: give the farthest receiver's depth",
+        ),
         (["solve", "--near", "nan", "--far", "5", "--half-fov-deg", "30", "--theta-deg", "60"], "near: got nan"),
         (["solve", "--near", "1", "--far", "5", "--half-fov-deg", "30", "--theta-deg", "60", "--x", "1"], "--x"),
         (["rules", "--near", "1", "--far", "5", "--half-fov-deg", "90", "--theta-deg", "60"], "half_fov_deg: got 90"),

@@ -104,6 +104,12 @@ def test_receivers_get_the_depth_that_no_caster_needs():
         needed = (float(depth.first) - exact) / (float(depth.largest) - exact)
         shares.append(float(depth.share))
         assert shares[-1] >= 0.6 or needed >= 0.4, f"scene {seed}: {shares[-1]:.3f}, where casters need {needed:.3f}"
+        # Of the extent along the light too, which a warp that is nearly none would hide.
+        vertices, there = view.receivers.vertices(view.camera)
+        along = (np.asarray(vertices) @ np.asarray(view.frame().light))[np.asarray(there)]
+        lowest = least_by_program(view, 1.0, depth, float(start), float(mu), view.receivers) + float(depth.reference)
+        needed = np.ptp(along) / (along.max() - min(lowest, along.min()))
+        assert 0.9 * needed <= float(depth.extent) <= needed * (1 + 1e-6), f"scene {seed}"
     assert max(loose) < 0.1
     assert np.median(loose) < 1e-5
     assert np.mean(np.array(shares) >= 0.6) > 0.8

@@ -2,6 +2,8 @@
 
 import copy
 import itertools
+import math
+import sys
 import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -63,6 +65,10 @@ def _distinct(values: list) -> list:
 Distinct = pydantic.AfterValidator(_distinct)
 
 
+LARGEST_RATIO = 0.25 / sys.float_info.min
+"""Of far/near, as `theory.ViewFrustum` takes it."""
+
+
 class NearFar(Section):
     """A near plane, and far planes beyond it: one, several or none."""
 
@@ -70,16 +76,33 @@ class NearFar(Section):
     @classmethod
     def _beyond_near(cls, far: Any, info: pydantic.ValidationInfo) -> Any:
         near = info.data.get("near")
-        if near is not None and not all(value is None or value > near for value in listed(far)):
+        if near is None:
+            return far
+        planes = [value for value in listed(far) if value is not None]
+        if not all(value > near for value in planes):
             raise ValueError(f"expected more than near = {near}")
+        if any(near * LARGEST_RATIO < value < math.inf for value in planes):
+            raise ValueError(f"expected far/near of at most {LARGEST_RATIO:.3g}")
         return far
+
+
+def _has_an_end(far: Any) -> Any:
+    if any(isinstance(value, float) and value == math.inf for value in listed(far)):
+        raise ValueError(
+            "expected a finite number: give the farthest receiver's depth; the limits without a far plane are "
+            "warpopt.theory.far_limit's"
+        )
+    return far
+
+
+FarEnd = pydantic.BeforeValidator(_has_an_end)
 
 
 class OneView(NearFar):
     """One view frustum."""
 
     near: Positive = 1.0
-    far: Positive
+    far: Annotated[Positive, FarEnd]
     half_fov_deg: HalfFovDeg
 
 

@@ -7,6 +7,7 @@ from pydantic import Field
 
 from ..common.settings import (
     Distinct,
+    FarEnd,
     HalfFovDeg,
     LightAngles,
     NearFar,
@@ -25,7 +26,7 @@ class ViewConfig(NearFar):
     """View frusta: every combination of the listed values."""
 
     near: Positive = 1.0
-    far: Annotated[list[Positive], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct]
+    far: Annotated[list[Positive], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct, FarEnd]
     half_fov_deg: Annotated[list[HalfFovDeg], pydantic.BeforeValidator(listed), Field(min_length=1), Distinct]
 
 

@@ -7,7 +7,7 @@ import pydantic
 from pydantic import Field
 
 from ..common.output import TABLE_ENDINGS
-from ..common.settings import FileName, HalfFovDeg, NearFar, OneObjective, Positive, Section
+from ..common.settings import LARGEST_RATIO, FarEnd, FileName, HalfFovDeg, NearFar, OneObjective, Positive, Section
 
 
 class Rising(Section):
@@ -33,7 +33,7 @@ class TableView(NearFar):
     """One view frustum, given by far/near and the field of view; or ranges of either."""
 
     near: Positive = 1.0
-    far: Positive | None = None
+    far: Annotated[Positive | None, FarEnd] = None
     half_fov_deg: HalfFovDeg | None = None
     far_over_near: Span | None = None
     """Instead of `far`: the table has an axis far/near."""
@@ -47,6 +47,9 @@ class TableView(NearFar):
                 raise ValueError(f"expected one of {one} and {other}")
         if self.far_over_near is not None and self.far_over_near.start <= 1:
             raise ValueError(f"far_over_near.start: got {self.far_over_near.start:g}, expected more than 1")
+        if self.far_over_near is not None and self.far_over_near.stop > LARGEST_RATIO:
+            most = f"at most {LARGEST_RATIO:.3g}"
+            raise ValueError(f"far_over_near.stop: got {self.far_over_near.stop:g}, expected {most}")
         if self.half_fov_deg_range is not None and self.half_fov_deg_range.stop >= 90:
             raise ValueError(f"half_fov_deg_range.stop: got {self.half_fov_deg_range.stop:g}, expected less than 90")
         return self
