@@ -88,6 +88,30 @@ def test_a_scene_has_matrices_and_both_ranges():
     assert "camera's planes" in Path("out/report.md").read_text()
 
 
+def test_a_scene_says_how_many_maps_are_worth_their_price():
+    """As the library counts; without a price it is not computed."""
+    more = "[objective]\nmetrics = 'p'\n[cascades]\ncount = 2\nbeside = []\n"
+    assert invoke(toml(BOX, more=more)) == 0
+    assert not Path("out/texels.csv").exists()
+    assert "How many" not in Path("out/report.md").read_text()
+    assert invoke(toml(BOX, more=more + "price = 0.25\n").replace("figures = false", "figures = true")) == 0
+    config = read_cascades_config(Path("cascades.toml"), [])
+    view = under_light(views_of(config, read_scene(config, Path()))[0], 0)
+    bound = warpopt.lower_bound(view, warpopt.Objective("storage"))
+    with Path("out/texels.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    report = Path("out/report.md").read_text()
+    best = {}
+    for warped in (True, False):
+        number, texels = warpopt.cascades.count(view, 0.25 * bound, warp=warped)
+        best[warped] = number
+        told = [float(r["texels_over_bound"]) for r in lines if r["warped"] == str(warped)]
+        np.testing.assert_allclose(told, np.asarray(texels) / bound - 0.25 * np.arange(1, 17), rtol=1e-9)
+    assert f"Of up to 16 maps {best[True]} need least with warps, {best[False]} without." in report
+    assert "a map costs 0.25 of those" in report
+    assert "(texels.png)" in report
+
+
 PATH = "path = [[0.3, -1, -0.2], [0.6, -0.9, 0.3], [0.9, -0.4, 0.1]]"
 
 
@@ -136,7 +160,7 @@ def test_the_screen_is_drawn_by_cascade():
     seen = image_of(camera, np.asarray(buffer_of(scene, 0).eye_depth(camera_of(camera))))
     for warped in (True, False):
         plan = warpopt.cascades.plan(view, 3, warp=warped)
-        row = Row(0, 2, "best", "receivers", warped, plan, float(plan.value))
+        row = Row("best", "receivers", warped, plan, 0, 2, float(plan.value))
         error, number = errors_of(seen, row, "p"), cascade_of(seen, row)
         assert np.isfinite(error).sum() == np.isfinite(seen.depth).sum()
         largest = [np.nanmax(error[number == k]) for k in range(3)]

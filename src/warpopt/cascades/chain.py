@@ -1,60 +1,64 @@
-"""The chain of splits with the least sum of costs, by a dynamic programme over depths to choose from."""
+"""The chain of splits with the least sum of costs, by a dynamic programme over depths to choose from.
 
-from collections.abc import Callable
+First over all pairs of depths that are even in the logarithm, or lie between receivers; then again over finer ones
+about each split, and the pairs of neighbours' alone.
+"""
 
+import itertools
+
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Float, Int
 
-Cost = Callable[[Array, Array, Array], Array]
-"""The cost of cascades from where they are split, where they end, and their numbers."""
+FINER = 9
+"""Depths about a split: from the one before it to the one after."""
 
 
+def all_pairs(count: int) -> Int[np.ndarray, "M 2"]:
+    """Numbers of depths, of which the second is no nearer."""
+    return np.stack(np.triu_indices(count), 1)
+
+
+def pairs_about(splits: int) -> Int[np.ndarray, "M 2"]:
+    """Numbers among `depths_about` of those of one split and of the next, and of the ends."""
+    groups = [np.zeros(1, int), *np.split(np.arange(1, splits * FINER + 1), splits), np.full(1, splits * FINER + 1)]
+    return np.concatenate([np.stack(np.meshgrid(*two), -1).reshape(-1, 2) for two in itertools.pairwise(groups)])
+
+
+@jax.jit
+def depths_about(
+    found: Float[Array, "... C"], near: Float[Array, "..."], far: Float[Array, "..."], step: Float[Array, "..."]
+) -> Float[Array, "... N"]:
+    """`FINER` depths about each split, within a step in the logarithm, between the ends."""
+    ends = near[..., None], far[..., None]
+    about = found[..., None] * jnp.exp(step[..., None, None] * np.linspace(-1, 1, FINER))
+    about = jnp.clip(about.reshape(*found.shape[:-1], -1), *ends)
+    return jnp.concatenate([ends[0], about, ends[1]], -1).astype(found.dtype)
+
+
+@jax.jit
 def best_chain(
-    near: Float[Array, "..."], far: Float[Array, "..."], grid: Float[Array, "... C N"], cost: Cost
-) -> tuple[Float[Array, "... C"], Float[Array, "... C"], Float[Array, "... C"]]:
-    """(the best chain of C splits, the depths of the grids below them, those above).
+    depths: Float[Array, "... N"], pairs: Int[Array, "M 2"], costs: Float[Array, "... M"], weights: Float[Array, " K"],
+) -> Float[Array, "... C"]:  # fmt: skip
+    """Where all cascades but the last end, from the first depth to the last: the least sum of costs times weights.
 
     Args:
-        near, far: where the first cascade begins and the last one ends.
-        grid: the depths that each split may have, increasing.
-        cost: of cascades from a to b, given (a, b, k) of one shape (..., M), k the cascade's number; inf for b < a.
-            Called once, so that it is compiled once.
+        depths: to choose from.
+        pairs: where a cascade may begin and end, by number.
+        costs: of those; inf for none, which those of all other pairs are too.
+        weights: of each cascade's costs.
     """
-    *batch, count, points = grid.shape
-    begin, end = (jnp.broadcast_to(v[..., None], (*batch, 1)) for v in (near, far))
-    pairs = [_pairs(begin, grid[..., 0, :])]
-    pairs += [_pairs(grid[..., k - 1, :], grid[..., k, :]) for k in range(1, count)]
-    pairs.append(_pairs(grid[..., -1, :], end))
-    a, b = (jnp.concatenate([pair[i] for pair in pairs], -1) for i in (0, 1))
-    number = jnp.concatenate([jnp.full(pair[0].shape[-1], k) for k, pair in enumerate(pairs)])
-    every = cost(a, b, jnp.broadcast_to(number, a.shape))
-    places = [0]
-    for pair in pairs:
-        places.append(places[-1] + pair[0].shape[-1])
-    # best: the least cost of the first cascades that end at each depth
-    best, choices = every[..., : places[1]], []
-    for k in range(1, count):
-        each = every[..., places[k] : places[k + 1]].reshape(*batch, points, points)
-        total = best[..., :, None] + each
+    count = depths.shape[-1]
+    table = jnp.full((*costs.shape[:-1], count, count), jnp.inf, costs.dtype)
+    table = table.at[..., pairs[:, 0], pairs[:, 1]].set(costs)
+    # best: the least sum of the first cascades that end at each depth
+    best, choices = weights[0] * table[..., 0, :], []
+    for k in range(1, len(weights)):
+        total = best[..., :, None] + weights[k] * table
         choices.append(jnp.argmin(total, -2))
         best = total.min(-2)
-    at = [jnp.argmin(best + every[..., places[count] :], -1)]
+    at = [jnp.full(best.shape[:-1], count - 1)]
     for choice in reversed(choices):
         at.append(jnp.take_along_axis(choice, at[-1][..., None], -1)[..., 0])
-    at = jnp.stack(at[::-1], -1)[..., None]
-    found, below, above = (
-        jnp.take_along_axis(grid, jnp.clip(at + step, 0, points - 1), -1)[..., 0] for step in (0, -1, 1)
-    )
-    return found, below, above
-
-
-def between(low: Float[Array, "... C"], high: Float[Array, "... C"], points: int) -> Float[Array, "... C N"]:
-    """Depths from low to high, even in the logarithm."""
-    share = jnp.linspace(0, 1, points, dtype=low.dtype)
-    return low[..., None] * jnp.exp(jnp.log(high / low)[..., None] * share)
-
-
-def _pairs(a: Array, b: Array) -> tuple[Array, Array]:
-    shape = (*a.shape, b.shape[-1])
-    flat = (*a.shape[:-1], -1)
-    return jnp.broadcast_to(a[..., None], shape).reshape(flat), jnp.broadcast_to(b[..., None, :], shape).reshape(flat)
+    return jnp.take_along_axis(depths, jnp.stack(at[:0:-1], -1), -1)

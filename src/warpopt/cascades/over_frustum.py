@@ -15,9 +15,10 @@ from ..solve.frusta import Method, norms_over_frusta, solve_frusta
 from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
 from ..views import FrustumView
-from .chain import best_chain, between
+from .chain import FINER, all_pairs, best_chain, depths_about, pairs_about
+from .splits import even_in_the_logarithm
 
-_GRID, _ZOOM, _ZOOMS = 96, 8, 8  # depths tried at first; each zoom has so many between two, on both sides
+_GRID, _ZOOMS = 96, 13  # depths tried at first, even in the logarithm; then finer ones about each split
 _STEPS = 60  # of bisection: to the last bit
 
 
@@ -156,28 +157,27 @@ def splits_of_means(
     it. That no better chain lies elsewhere is not proved (theory2's Theorem 7 is a necessary condition).
     """
     near, far = ends_of(view)
-    weights = jnp.asarray(shares, near.dtype) ** (-objective.resolution_power * objective.order)
-    low = jnp.broadcast_to(near[..., None], (*near.shape, len(shares) - 1))
-    high, found = jnp.broadcast_to(far[..., None], low.shape), low
-    for points in (_GRID, *[2 * _ZOOM + 1] * _ZOOMS):
-        low, high, found = _chain(view, low, high, weights, overlap, objective, warp, points)
+    weights = shares ** (-objective.resolution_power * objective.order)
+
+    def chain(depths: Array, pairs: np.ndarray) -> Array:
+        return best_chain(depths, pairs, _costs(view, depths, pairs, overlap, objective, warp), weights)
+
+    found = chain(even_in_the_logarithm(near, far, np.linspace(0, 1, _GRID)), all_pairs(_GRID))
+    step = jnp.log(far / near) / (_GRID - 1)
+    for _ in range(_ZOOMS):
+        found = chain(depths_about(found, near, far, step), pairs_about(len(shares) - 1))
+        step = 2 * step / (FINER - 1)
     return jnp.concatenate([near[..., None], found, far[..., None]], -1)
 
 
-@functools.partial(jax.jit, static_argnames=("objective", "warp", "points"))
-def _chain(
-    view: FrustumView, low: Array, high: Array, weights: Array, overlap: Array | float, objective: Objective,
-    warp: bool, points: int,
-) -> tuple[Array, Array, Array]:  # fmt: skip
-    """(the depths on a grid beside the best ones, below and above; the best chain of depths) between two chains."""
+@functools.partial(jax.jit, static_argnames=("objective", "warp"))
+def _costs(
+    view: FrustumView, depths: Array, pairs: Array, overlap: Array | float, objective: Objective, warp: bool
+) -> Array:
+    """What cascades between two depths add to the sum of E^P over the frustum; inf for a negative length."""
     near, far = ends_of(view)
-    P = objective.order
-
-    def cost(a: Array, b: Array, k: Array) -> Array:
-        start = jnp.where(k > 0, jnp.maximum(a * (1 - overlap), near[..., None]), a)
-        each = errors_over_frusta(view, start, b, objective, warp)[0]
-        whole = weights[k] * masses(a, b, near, far, objective) * each**P
-        return jnp.where(b > a, whole, jnp.where(b == a, 0, jnp.inf))
-
-    found, below, above = best_chain(near, far, between(low, high, points), cost)
-    return below, above, found
+    a, b = depths[..., pairs[:, 0]], depths[..., pairs[:, 1]]
+    start = jnp.maximum(a * (1 - overlap), near[..., None])
+    each = errors_over_frusta(view, start, b, objective, warp)[0]
+    whole = masses(a, b, near, far, objective) * each**objective.order
+    return jnp.where(b > a, whole, jnp.where(b == a, 0, jnp.inf))

@@ -6,7 +6,6 @@ by one; what is found is then solved over the receivers themselves, so that erro
 """
 
 import functools
-import itertools
 from typing import NamedTuple
 
 import equinox as eqx
@@ -22,11 +21,12 @@ from ..receivers.weighted.cells import EXACT
 from ..solve.scene import settled_scene, solve_scene
 from ..solve.solution import SceneSolution
 from ..views import SceneView, one_light
+from .chain import FINER, all_pairs, best_chain, depths_about, pairs_about
 from .splits import even_in_the_logarithm
 
 _STEPS = 60  # of the search for the common error: bisection shrinks its interval to rounding
 _FEW = 64  # depths that means are split at: 2,016 cascades between them
-_FINER, _ROUNDS = 9, 4  # then about each split; the last steps are a 16,000th of the range's logarithm
+_ZOOMS = 4  # then finer ones about each split: the last steps are a 16,000th of the range's logarithm
 _TOGETHER = 256  # cascades in one call
 _CELLS, _BODY = (
     4097,
@@ -258,46 +258,23 @@ def _least_sum(view: SceneView, ends: Array, scale: Array, overlap: float, objec
     """Means: a dynamic programme over depths, exact where those are between all receivers; else again over finer ones
     about each split."""
 
-    def chain(depths: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-        costs = np.full((len(depths), len(depths)), np.inf)
-        for part in np.split(pairs, range(_TOGETHER, len(pairs), _TOGETHER)):
-            # As many in each call: one program.
-            a, b = depths[np.pad(part, ((0, _TOGETHER - len(part)), (0, 0)), mode="edge")].T
-            costs[tuple(part.T)] = np.asarray(_costs(view, ends, a, b, overlap, objective, warp))[: len(part)]
-        return depths[_best_chain(costs, weights)]
+    def chain(depths: Array, pairs: np.ndarray) -> Array:
+        at, costs = np.asarray(depths)[pairs], []
+        for part in np.split(at, range(_TOGETHER, len(at), _TOGETHER)):  # as many in each call: one program
+            a, b = np.pad(part, ((0, _TOGETHER - len(part)), (0, 0)), mode="edge").T
+            costs.append(np.asarray(_costs(view, ends, a, b, overlap, objective, warp))[: len(part)])
+        return best_chain(depths, pairs, np.concatenate(costs), scale**-objective.order)
 
-    weights = np.asarray(scale) ** -objective.order
-    grid = _between_all(view, ends, _FEW)
-    exact = grid is not None
-    depths = np.asarray(grid if exact else even_in_the_logarithm(ends[0], ends[1], np.linspace(0, 1, _FEW)))
-    found = chain(depths, np.argwhere(np.triu(np.ones((len(depths), len(depths)), bool))))
-    step = np.log(depths[1] / depths[0])
-    for _ in range(0 if exact else _ROUNDS):
-        about = np.clip(found[:, None] * np.exp(step * np.linspace(-1, 1, _FINER)), *depths[[0, -1]])
-        numbers = np.split(np.arange(1, about.size + 1), len(about))
-        groups = [np.zeros(1, int), *numbers, np.full(1, about.size + 1)]
-        pairs = np.concatenate([np.stack(np.meshgrid(*two), -1).reshape(-1, 2) for two in itertools.pairwise(groups)])
-        found = chain(np.concatenate([depths[:1], about.ravel(), depths[-1:]]), pairs)
-        step *= 2 / (_FINER - 1)
-    return jnp.concatenate([ends[:1], jnp.asarray(found, ends.dtype), ends[1:]])
-
-
-def _best_chain(costs: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Where all cascades but the last end, from the first depth to the last: the least sum of costs times weights.
-
-    Args:
-        costs: (N, N) of a cascade from one depth to another.
-        weights: (K,) of each cascade's costs.
-    """
-    best, choices = weights[0] * costs[0], []
-    for weight in weights[1:]:
-        total = best[:, None] + weight * costs
-        choices.append(total.argmin(0))
-        best = total.min(0)
-    at = [len(costs) - 1]
-    for choice in reversed(choices):
-        at.append(choice[at[-1]])
-    return np.array(at[:0:-1])
+    depths = _between_all(view, ends, _FEW)
+    if depths is not None:
+        found = chain(depths, all_pairs(len(depths)))
+    else:
+        found = chain(even_in_the_logarithm(ends[0], ends[1], np.linspace(0, 1, _FEW)), all_pairs(_FEW))
+        step = jnp.log(ends[1] / ends[0]) / (_FEW - 1)
+        for _ in range(_ZOOMS):
+            found = chain(depths_about(found, ends[0], ends[1], step), pairs_about(len(scale) - 1))
+            step = 2 * step / (FINER - 1)
+    return jnp.concatenate([ends[:1], found, ends[1:]])
 
 
 @functools.partial(jax.jit, static_argnames=("objective", "warp"))

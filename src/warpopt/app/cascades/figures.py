@@ -11,21 +11,13 @@ import warpopt
 
 from ..common import figure_style as style
 from ..inputs.scene_files import SceneInput
+from ..splits.looks import COLOURS, MARKERS
+from ..splits.settings import BEST, STEPPED, TITLES
 from .numbers import ByNumber, Texels
-from .report import TITLES
-from .rows import BEST, STEPPED, Config, Row, objective_of
+from .rows import Config, Row, objective_of
 from .screen import screen_figure
 from .settings import SceneCascadesConfig
 
-_COLOURS = {
-    "best": "#000000", "stepped": "#777777", "logarithmic": "#0d61d9", "practical": "#d62612", "uniform": "#a3a3a3",
-    "godot": "#478cbf", "unity": "#7a5c3a", "unreal": "#6b3fa0", "bevy": "#e8833a", "three": "#009e73",
-    "filament": "#cc79a7",
-}  # fmt: skip
-_MARKERS = {
-    "logarithmic": "o", "practical": "s", "uniform": "D", "godot": "^", "unity": "v", "unreal": "P", "bevy": "X",
-    "three": "<", "filament": ">",
-}  # fmt: skip
 _ANGLES = ("#0d61d9", "#d62612", "#009e73", "#e8833a", "#6b3fa0")
 _DPI = 160
 MOST_SCREENS = 6
@@ -62,7 +54,12 @@ def write_figures(
     if texels:
         words = "Texels for one a pixel over what no maps of any kind can better, over logarithmic splits. Ringed: the"
         words += " number of maps that needs least. With a light close to the view's axis the two lines are one."
-        write("texels", texels_figure(texels), words)
+        for camera in dict.fromkeys(at.camera for at in texels):
+            mine = [at for at in texels if at.camera == camera]
+            stem = f"camera_{camera}_" if len({at.camera for at in texels}) > 1 else ""
+            shown = [mine[k] for k in np.linspace(0, len(mine) - 1, min(len(mine), len(_ANGLES))).round().astype(int)]
+            more = f" {len(shown)} of {len(mine)} lights." if len(shown) < len(mine) else ""
+            write(f"{stem}texels", texels_figure(shown), words + more)
     if isinstance(config, SceneCascadesConfig) and scene is not None and scene.depths:
         best = [row for row in rows if row.name == BEST]
         places = list(dict.fromkeys((row.camera, row.light) for row in best))
@@ -87,8 +84,8 @@ def lost_figure(rows: list[Row]) -> Figure:
     axes = style.place(figure, 2.6, 0.35, 3.3, 0.3 * len(keys))
     for k, key in enumerate(keys):
         for row in (row for row in rows if (row.name, row.over) == key):
-            axes.plot([row.lost], [k], "o", color=_COLOURS[row.name], markersize=7,
-                      markerfacecolor=_COLOURS[row.name] if row.warped else "none", markeredgewidth=1.4)  # fmt: skip
+            axes.plot([row.lost], [k], "o", color=COLOURS[row.name], markersize=7,
+                      markerfacecolor=COLOURS[row.name] if row.warped else "none", markeredgewidth=1.4)  # fmt: skip
     axes.set_xscale("log")
     axes.set_yticks(range(len(keys)), [TITLES[n] + (f" ({o})" if several else "") for n, o in keys])
     axes.set_ylim(len(keys) - 0.5, -0.5)
@@ -121,7 +118,7 @@ def along_figure(rows: list[Row], objective: "warpopt.Objective") -> Figure:
         for row in (row for row in shown if row.warped == warped):
             depths, errors = np.asarray(row.plan.splits), np.asarray(row.plan.errors)
             (handles[row.name],) = axes.step(
-                depths, np.append(errors, errors[-1]), where="post", color=_COLOURS[row.name],
+                depths, np.append(errors, errors[-1]), where="post", color=COLOURS[row.name],
                 linewidth=2.2 if row.name == "best" else 1.1, label=TITLES[row.name],
                 zorder=3 if row.name == "best" else 2,
             )  # fmt: skip
@@ -157,7 +154,7 @@ def counts_figure(numbers: list[ByNumber]) -> Figure:
             values = scheme.warped if warped else scheme.plain
             counts = sorted(values)
             (handles[scheme.name],) = axes.plot(
-                counts, [values[n] for n in counts], color=_COLOURS[scheme.name], marker=_MARKERS[scheme.name],
+                counts, [values[n] for n in counts], color=COLOURS[scheme.name], marker=MARKERS[scheme.name],
                 markersize=4.5, markeredgewidth=0, linewidth=1.2, label=TITLES[scheme.name],
             )  # fmt: skip
         style.log_axis(axes, (0.8, 1.6 * max(every)), label=not k)
@@ -177,10 +174,10 @@ def texels_figure(texels: list[Texels]) -> Figure:
     handles = []
     for at, colour in zip(texels, _ANGLES, strict=False):
         counts = np.arange(1, len(at.warped) + 1)
-        (line,) = axes.plot(counts, at.warped, color=colour, linewidth=1.7, label=f"{at.theta_deg:g}°")
+        (line,) = axes.plot(counts, at.warped, color=colour, linewidth=1.7, label=f"{at.theta_deg:.3g}°")
         axes.plot(counts, at.plain, color=colour, linewidth=1.3, linestyle=(0, (3, 1.6)))
         for values in (at.warped, at.plain):
-            least = int(np.argmin(values))
+            least = at.best_number(values is at.warped) - 1
             axes.plot(counts[least], values[least], "o", color=colour, markerfacecolor="white", markersize=5.5)
         handles.append(line)
     every = np.concatenate([values for at in texels for values in (at.warped, at.plain)])
@@ -214,16 +211,16 @@ def path_figure(scene: SceneInput, rows: list[Row]) -> Figure:
         for k in range(1, len(mine[0].plan.errors)):
             depths = [float(row.plan.splits[k]) for row in mine]
             drawn = "default" if name == BEST else "steps-mid"
-            upper.plot(x, depths, color=_COLOURS[name], linewidth=width, drawstyle=drawn)
+            upper.plot(x, depths, color=COLOURS[name], linewidth=width, drawstyle=drawn)
         values = [float(row.plan.value) for row in mine]
-        (line,) = lower.plot(x, values, color=_COLOURS[name], linewidth=width, label=TITLES[name])
+        (line,) = lower.plot(x, values, color=COLOURS[name], linewidth=width, label=TITLES[name])
         handles.append(line)
         errors += values
     plain = found(BEST, False) if warped else []
     if plain:
         values = [float(row.plan.value) for row in plain]
         (line,) = lower.plot(
-            x, values, color=_COLOURS[BEST], linewidth=1.2, linestyle=(0, (1, 1.4)), label="the best, no warp"
+            x, values, color=COLOURS[BEST], linewidth=1.2, linestyle=(0, (1, 1.4)), label="the best, no warp"
         )
         handles.append(line)
         errors += values

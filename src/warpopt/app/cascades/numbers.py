@@ -5,11 +5,12 @@ import dataclasses
 import numpy as np
 
 import warpopt
-from warpopt.cascades import splits
 from warpopt.cascades.counts import in_world
 
+from ..common.settings import ConfigError
+from ..splits.plans import split_of
 from .rows import objective_of
-from .settings import CascadesConfig
+from .settings import CascadesConfig, SceneCascadesConfig
 
 MOST = 8  # maps, of splits, and in the report
 _ANGLES = (90.0, 60.0, 30.0, 10.0)
@@ -26,11 +27,25 @@ class ByNumber:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Texels:
-    """Texels over the bound at an angle, for 1 to 16 maps, warped and not."""
+    """Texels over the bound, for 1 to 16 maps, warped and not.
+
+    Attributes:
+        theta_deg: the angle between light and view direction.
+        price: of one more map, over the bound.
+        camera, light: their numbers; 0 for a frustum.
+    """
 
     theta_deg: float
     warped: np.ndarray
     plain: np.ndarray
+    price: float = 0.0
+    camera: int = 0
+    light: int = 0
+
+    def best_number(self, warped: bool) -> int:
+        """The number of maps that needs least, with the price of each."""
+        values = self.warped if warped else self.plain
+        return int(np.argmin(values + self.price * np.arange(1, len(values) + 1))) + 1
 
 
 def frustum_view(config: CascadesConfig, theta_deg: float | None = None) -> "warpopt.FrustumView":
@@ -38,15 +53,6 @@ def frustum_view(config: CascadesConfig, theta_deg: float | None = None) -> "war
     frustum = warpopt.ViewFrustum(config.view.near, config.view.far, np.deg2rad(config.view.half_fov_deg))
     theta = config.light.theta_deg if theta_deg is None else theta_deg
     return warpopt.FrustumView(frustum, np.deg2rad(theta))
-
-
-def split_of(name: str, near: float, far: float, count: int) -> np.ndarray | None:
-    """None where an engine has no default for this number of cascades, or this range."""
-    scheme = (splits.SCHEMES | splits.ENGINES)[name]
-    try:
-        return np.asarray(scheme(near, far, count))
-    except ValueError:
-        return None
 
 
 def errors_by_number(config: CascadesConfig) -> list[ByNumber]:
@@ -88,11 +94,34 @@ def errors_by_number(config: CascadesConfig) -> list[ByNumber]:
 
 def texels(config: CascadesConfig) -> list[Texels]:
     """Texels for one a pixel over logarithmic splits, over what no maps can better: at the view's angle and others."""
+    price = config.cascades.price or 0.0
     angles = sorted({*_ANGLES, config.light.theta_deg}, reverse=True)
+    views = {angle: frustum_view(config, angle) for angle in angles}
+    return [Texels(angle, *_over_the_bound(view, in_world(view)), price) for angle, view in views.items()]
+
+
+def texels_of_scene(config: SceneCascadesConfig, views: "dict[tuple[int, int], warpopt.SceneView]") -> list[Texels]:
+    """The same over a scene's receivers, for each (camera, light); none if no price is given.
+
+    Raises:
+        ConfigError: receivers for which no bound is known, or that do not end.
+    """
+    if config.cascades.price is None:
+        return []
     made = []
-    for angle in angles:
-        view = frustum_view(config, angle)
-        bound = float(warpopt.lower_bound(in_world(view), warpopt.Objective("storage")))
-        warped, plain = (np.asarray(warpopt.cascades.count(view, warp=warp)[1]) for warp in (True, False))
-        made.append(Texels(angle, warped / bound, plain / bound))
+    for (camera, light), view in views.items():
+        theta = float(np.rad2deg(view.frame_along("view").theta))
+        try:
+            values = _over_the_bound(view, view)
+        except ValueError as error:
+            raise ConfigError(f"cascades.price: {error}") from None
+        made.append(Texels(theta, *values, config.cascades.price, camera, light))
     return made
+
+
+def _over_the_bound(
+    view: "warpopt.FrustumView | warpopt.SceneView", scene: "warpopt.SceneView"
+) -> tuple[np.ndarray, np.ndarray]:
+    bound = warpopt.lower_bound(scene, warpopt.Objective("storage"))
+    warped, plain = (np.asarray(warpopt.cascades.count(view, warp=warp)[1]) for warp in (True, False))
+    return warped / bound, plain / bound

@@ -8,6 +8,7 @@ import numpy as np
 from warpopt.cascades.splits import ENGINES
 
 from ..common.words import markdown_pictures, markdown_table
+from ..splits.settings import TITLES
 from .rows import objective_of
 
 if TYPE_CHECKING:
@@ -15,12 +16,6 @@ if TYPE_CHECKING:
     from .numbers import ByNumber, Texels
     from .rows import Config, Row
 
-TITLES = {
-    "best": "the best", "stepped": "the best, in steps", "logarithmic": "logarithmic", "practical": "practical, 0.5",
-    "uniform": "uniform", "godot": "Godot's fractions", "unity": "Unity's fractions",
-    "unreal": "Unreal's exponent 3", "bevy": "Bevy's, first to 10", "three": "three.js's practical split",
-    "filament": "Filament's halvings",
-}  # fmt: skip
 _SHOWN = 8  # numbers of maps in the table of texels
 
 
@@ -41,7 +36,9 @@ def cascades_report(
     if numbers:
         parts.append(_by_number(numbers))
     if texels:
-        parts.append(_texels(texels, getattr(config.light, "theta_deg", None)))
+        own = [at for at in texels if scene is not None or at.theta_deg == getattr(config.light, "theta_deg", None)]
+        for camera in dict.fromkeys(at.camera for at in own):
+            parts.append(_texels([at for at in own if at.camera == camera]))
     if scene is not None and not scene.depths:
         parts.append("No picture of the screen: the receivers are not pixels.\n")
     if figures:
@@ -153,14 +150,19 @@ def _by_number(numbers: "list[ByNumber]") -> str:
     )
 
 
-def _texels(texels: "list[Texels]", theta_deg: float | None) -> str:
-    """At the view's own angle; the figure has others."""
-    (at,) = (at for at in texels if at.theta_deg == theta_deg)
-    rows = (("warped", at.warped), ("no warp", at.plain))
-    lines = [[words, *(f"{v:.3g}" for v in values[:_SHOWN])] for words, values in rows]
-    warped, plain = (int(np.argmin(values)) + 1 for _, values in rows)
+def _texels(texels: "list[Texels]") -> str:
+    """At the view's own angle, or under all lights of a camera; the figure has other angles."""
+    rows = (("warped", True), ("no warp", False))
+    lines = []
+    for words, warped in rows:
+        values = [at.warped if warped else at.plain for at in texels]
+        lines.append([words, *(spanned([float(v[k]) for v in values]) for k in range(_SHOWN))])
+    numbers = (spanned([at.best_number(warped) for at in texels]) for _, warped in rows)
+    price = texels[0].price
+    cost = f"; a map costs {price:g} of those beside its own" if price else ""
+    most = len(texels[0].warped)
     return (
         "Texels for one a pixel, of maps of their own aspect over logarithmic splits, over what no maps of any kind "
-        f"can better. Of up to {len(at.warped)} maps {warped} need least with warps, {plain} without.\n\n"
+        f"can better{cost}. Of up to {most} maps {next(numbers)} need least with warps, {next(numbers)} without.\n\n"
         + markdown_table(["maps", *(str(k + 1) for k in range(_SHOWN))], lines)
     )

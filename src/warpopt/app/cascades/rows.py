@@ -5,40 +5,30 @@ import dataclasses
 import numpy as np
 
 import warpopt
-from warpopt.cascades import Plan
 
+from ..splits.plans import Split, lost_by
 from .settings import CascadesConfig, SceneCascadesConfig
 
 Config = CascadesConfig | SceneCascadesConfig
-BEST, STEPPED = "best", "stepped"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Row:
+class Row(Split):
     """One split of one view.
 
     Attributes:
         camera, light: their numbers; 0 for a frustum.
-        name: of the split: "best", "stepped" (the best at whole steps), or one of `splits`.
-        over: what was split: "planes", from the camera's near plane to its far plane, or "receivers".
-        warped: whether each cascade has its best warp.
-        plan: the cascades.
         best: the least value of as many, warped, over the receivers.
     """
 
     camera: int
     light: int
-    name: str
-    over: str
-    warped: bool
-    plan: Plan
     best: float
 
     @property
     def lost(self) -> float:
-        """The value over the best; 1 where both are 0."""
-        value = float(self.plan.value)
-        return value / self.best if self.best > 0 else 1.0 if value == 0 else float("inf")
+        """The value over the best."""
+        return float(lost_by(np.asarray(self.plan.value), np.asarray(self.best)))
 
     @property
     def largest_ratio(self) -> float:

@@ -8,17 +8,16 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-import warpopt
-from warpopt.cascades import splits
-
 from ..common.output import whole_folder
 from ..common.record import environment, finite_or_none, timed, write_csv, write_json, write_mark
 from ..common.settings import ConfigError
 from ..inputs.scene_files import SceneInput
 from ..inputs.scene_values import under_light, views_of
-from .numbers import ByNumber, errors_by_number, frustum_view, split_of, texels
+from ..splits.plans import splits_of
+from ..splits.settings import BEST
+from .numbers import ByNumber, Texels, errors_by_number, frustum_view, texels, texels_of_scene
 from .report import HEADS, cascades_report, lines_of
-from .rows import BEST, STEPPED, Config, Row, objective_of
+from .rows import Config, Row, objective_of
 from .settings import CascadesConfig
 
 COLUMNS = (
@@ -37,10 +36,12 @@ def run_cascades(config: Config, scene: SceneInput | None, console: Console | No
     timings: dict[str, float] = {}
     with whole_folder(config.output.directory) as folder:
         with timed(timings, "solve_s"):
-            rows = [row for place, view in _views(config, scene).items() for row in _rows(config, scene, *place, view)]
-            numbers, totals = [], []
+            views = _views(config, scene)
+            rows = [row for place, view in views.items() for row in _rows(config, scene, *place, view)]
             if isinstance(config, CascadesConfig):
                 numbers, totals = errors_by_number(config), texels(config)
+            else:
+                numbers, totals = [], texels_of_scene(config, views)
         figures: list[tuple[str, str]] = []
         if config.output.figures:
             from .figures import write_figures  # matplotlib's first import on a machine scans all fonts
@@ -48,6 +49,7 @@ def run_cascades(config: Config, scene: SceneInput | None, console: Console | No
             with timed(timings, "figures_s"):
                 figures = write_figures(config, scene, rows, numbers, totals, folder)
         _write(config, scene, rows, numbers, folder)
+        _write_texels(totals, folder)
         report = cascades_report(config, scene, rows, figures, numbers, totals)
         (folder / "report.md").write_text(report, encoding="utf-8")
         write_mark(folder, environment(config, jax.numpy.zeros(0).dtype, timings))
@@ -67,39 +69,10 @@ def _views(config: Config, scene: SceneInput | None) -> dict[tuple[int, int], An
 
 
 def _rows(config: Config, scene: SceneInput | None, camera: int, light: int, view: Any) -> list[Row]:
-    asked, objective = config.cascades, objective_of(config)
-    more = {"overlap": asked.overlap, "shares": asked.shares}
-    try:
-        best = warpopt.cascades.plan(view, asked.count, objective, warp=asked.warp, **more)
-    except ValueError as error:
-        raise ConfigError(f"cascades: {error}") from None
-    value = float(best.value)
-    near, far = float(best.splits[0]), float(best.splits[-1])
-    rows = [Row(camera, light, BEST, "receivers", asked.warp, best, value)]
-    if asked.warp:
-        plain = warpopt.cascades.plan(view, asked.count, objective, warp=False, **more)
-        rows.append(Row(camera, light, BEST, "receivers", False, plain, value))
-    if asked.step is not None and near < far:
-        made = splits.stepped(best.splits, asked.step)
-        if scene is None:  # a whole frustum ends at its planes
-            made = np.clip(np.asarray(made), near, far)
-        for warped in (True, False) if asked.warp else (False,):
-            told = warpopt.cascades.errors(view, made, objective, warp=warped, **more)
-            rows.append(Row(camera, light, STEPPED, "receivers", warped, told, value))
-    ranges = {"receivers": (near, far)}
-    if scene is not None:
-        seen = scene.cameras[camera]
-        if seen.near < near * (1 - 1e-9) or far * (1 + 1e-9) < seen.far < np.inf:
-            ranges["planes"] = seen.near, (seen.far if np.isfinite(seen.far) else far)
-    for over, ends in ranges.items():
-        for name in asked.beside:
-            made = split_of(name, *ends, asked.count)
-            if made is None or not near < far:
-                continue
-            for warped in (True, False) if asked.warp else (False,):
-                told = warpopt.cascades.errors(view, made, objective, warp=warped, **more)
-                rows.append(Row(camera, light, name, over, warped, told, value))
-    return rows
+    asked, seen = config.cascades, None if scene is None else scene.cameras[camera]
+    made = splits_of(view, asked, objective_of(config), seen, asked.step)
+    best = float(made[0].plan.value)
+    return [Row(one.name, one.over, one.warped, one.plan, camera, light, best) for one in made]
 
 
 def _write(config: Config, scene: SceneInput | None, rows: list[Row], numbers: list[ByNumber], folder: Path) -> None:
@@ -120,6 +93,18 @@ def _write(config: Config, scene: SceneInput | None, rows: list[Row], numbers: l
             for maps, value in values.items()
         ]
         write_csv(folder / "counts.csv", ("splits", "warped", "maps", "over_best"), lines)
+
+
+def _write_texels(totals: list[Texels], folder: Path) -> None:
+    if totals:
+        lines = [
+            (at.theta_deg, at.camera, at.light, warped, maps + 1, value)
+            for at in totals
+            for warped, values in ((True, at.warped), (False, at.plain))
+            for maps, value in enumerate(values.tolist())
+        ]
+        heads = ("theta_deg", "camera", "light", "warped", "maps", "texels_over_bound")
+        write_csv(folder / "texels.csv", heads, lines)
 
 
 def _record(row: Row, scene: SceneInput | None, warp: bool) -> dict[str, Any]:

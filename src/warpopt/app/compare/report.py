@@ -8,8 +8,10 @@ from warpopt.rules.registry import rule_title
 
 from ..common.limits import least_and_largest, limit_sentence
 from ..common.words import markdown_pictures, markdown_table
+from ..splits.settings import TITLES
 from .settings import CompareConfig, SceneCompareConfig
 from .solve import Compared
+from .splits import SplitsCompared
 
 if TYPE_CHECKING:
     from ...compare.comparison import Worst
@@ -56,8 +58,9 @@ def place_text(c: Compared, worst: "Worst") -> str:
 
 
 def compare_report(
-    config: CompareConfig | SceneCompareConfig, compared: list[Compared], figures: list[tuple[str, str]]
-) -> str:
+    config: CompareConfig | SceneCompareConfig, compared: list[Compared], splits: list[SplitsCompared],
+    figures: list[tuple[str, str]],
+) -> str:  # fmt: skip
     """The report as Markdown."""
     parts = ["# Rules for lambda against the optimum\n", _opening(config)]
     failures = sum(int(c.result.failed.sum()) for c in compared)
@@ -70,7 +73,26 @@ def compare_report(
         parts += markdown_pictures(figures)
     for c in compared:
         parts += [f"## {c.title}\n", _verdict(c), _losses(c), _table(c)]
+        parts += [_splits(config, told) for told in splits if (told.objective, told.camera) == (c.objective, c.camera)]
     return "\n".join(parts)
+
+
+def _splits(config: CompareConfig | SceneCompareConfig, told: SplitsCompared) -> str:
+    """A line for each way of splitting, by its mean: over the best with a warp in each cascade, and without."""
+    assert config.cascades is not None  # compared because they are
+    several = len({over for _, over, _ in told.keys}) > 1
+    rows = []
+    for name, over in dict.fromkeys((name, over) for name, over, _ in told.keys):
+        both = told.warped_and_not(name, over)
+        title = TITLES[name] + (f" (of the {'camera planes' if over == 'planes' else 'receivers'})" if several else "")
+        cells = [["-", "-"] if v is None else [ratio_text(v.mean()), ratio_text(v.max())] for v in both]
+        rows.append((float(next(v for v in both if v is not None).mean()), [title, *cells[0], *cells[1]]))
+    heads = ["splits", "warped: mean", "worst", "no warp: mean", "worst"]
+    count = config.cascades.count
+    each = "the best splits' error, with a warp in each" if config.cascades.warp else "the best splits' error"
+    repute = " Unreal's is by repute." if any(name == "unreal" for name, _, _ in told.keys) else ""
+    words = f"### {count} cascades\n\nMultiples of {each}, over the light directions; `splits.csv` has each.{repute}"
+    return f"{words}\n\n" + markdown_table(heads, [row for _, row in sorted(rows, key=lambda row: row[0])])
 
 
 def _opening(config: CompareConfig | SceneCompareConfig) -> str:

@@ -17,7 +17,8 @@ from ..inputs.scene_files import SceneInput
 from .report import compare_report, ratio_text
 from .settings import CompareConfig, SceneCompareConfig
 from .solve import Compared, compare_over_frustum, compare_over_scene
-from .tables import compare_record, write_compare_table, write_ranking
+from .splits import compare_splits
+from .tables import compare_record, write_compare_table, write_ranking, write_split_table
 
 
 def run_compare(
@@ -40,6 +41,7 @@ def run_compare(
     rules = {name: EVERY[name] for name in config.rules.names} | dict(own)
     objective = config.objective
     count = len(objective.objectives()) * (1 if scene is None else len(scene.cameras))
+    count += len(objective.objectives()) if config.cascades is not None else 0
     with whole_folder(config.output.directory) as folder, progress_bar(console, count + 1) as progress:
         timings = {}
         try:
@@ -51,18 +53,23 @@ def run_compare(
                     compared = compare_over_scene(config, scene, rules, progress)
         except RuleError as error:
             raise ConfigError(str(error)) from error
+        with timed(timings, "cascades_s"):
+            splits = compare_splits(config, scene, progress)
         with timed(timings, "figures_s"):
             figures = []
             if config.output.figures and compared:
                 # Imported here: matplotlib's first import on a machine scans all fonts.
                 from .figures import write_compare_figures
+                from .split_figure import write_split_figure
 
-                figures = write_compare_figures(compared, folder)
+                figures = write_compare_figures(compared, folder) + write_split_figure(splits, folder)
                 progress("figures")
         write_compare_table(compared, folder / "compare.csv")
         write_ranking(compared, folder / "ranking.csv")
-        write_json(folder / "compare.json", compare_record(config, compared, scene))
-        (folder / "report.md").write_text(compare_report(config, compared, figures), encoding="utf-8")
+        if splits:
+            write_split_table(splits, folder / "splits.csv")
+        write_json(folder / "compare.json", compare_record(config, compared, splits, scene))
+        (folder / "report.md").write_text(compare_report(config, compared, splits, figures), encoding="utf-8")
         outcomes = outcome_counts([c.result.solution.result for c in compared])
         write_mark(folder, environment(config, jax.numpy.zeros(0).dtype, timings) | {"outcomes": outcomes})
     failures = sum(int(c.result.failed.sum()) for c in compared)

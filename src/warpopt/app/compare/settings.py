@@ -23,6 +23,7 @@ from ..common.settings import (
     validated,
 )
 from ..inputs.scene_settings import SceneSettings
+from ..splits.settings import SplitSettings
 
 if TYPE_CHECKING:
     RuleName = str
@@ -76,8 +77,16 @@ class CompareConfig(Section):
     view: OneView
     light: CompareLight
     rules: RulesConfig = RulesConfig()
+    cascades: SplitSettings | None = None
+    """Ways of splitting into several maps are compared too."""
     objective: ObjectiveConfig = ObjectiveConfig()
     output: OutputConfig
+
+    @pydantic.model_validator(mode="after")
+    def _thick(self) -> "CompareConfig":
+        if self.cascades is not None:
+            self.cascades.refuse_thin(self.view.near, self.view.far)
+        return self
 
 
 class SceneCompareConfig(SceneSettings):
@@ -85,6 +94,7 @@ class SceneCompareConfig(SceneSettings):
 
     output: OutputConfig  # no matrices are written, so no clip-space convention is needed
     rules: RulesConfig = RulesConfig()
+    cascades: SplitSettings | None = None
 
 
 def read_compare_config(path: Path, overrides: list[str]) -> CompareConfig | SceneCompareConfig:

@@ -40,14 +40,18 @@ def compare_over_frustum(
     config: CompareConfig, rules: dict[str, Callable], progress: Callable[[str], None]
 ) -> list[Compared]:
     """Every objective over the view frustum."""
-    view = config.view
-    frustum = warpopt.ViewFrustum(view.near, view.far, math.radians(view.half_fov_deg))
-    seen = warpopt.FrustumView(frustum, np.deg2rad(config.light.values()))
-    compared = []
+    seen, compared = frustum_view(config), []
     for objective in config.objective.objectives():
         compared.append(Compared(objective, None, warpopt.compare_rules(seen, rules, objective)))
         progress(compared[-1].title)
     return compared
+
+
+def frustum_view(config: CompareConfig) -> "warpopt.FrustumView":
+    """The view frustum under every angle."""
+    view = config.view
+    frustum = warpopt.ViewFrustum(view.near, view.far, math.radians(view.half_fov_deg))
+    return warpopt.FrustumView(frustum, np.deg2rad(config.light.values()))
 
 
 def compare_over_scene(

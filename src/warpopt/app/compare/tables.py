@@ -13,6 +13,7 @@ from ..common.record import finite_or_none, write_csv
 from ..inputs.scene_files import SceneInput
 from .settings import CompareConfig, SceneCompareConfig
 from .solve import Compared
+from .splits import SplitsCompared
 
 _COLUMNS = (
     "theta_deg",
@@ -67,6 +68,22 @@ def write_ranking(compared: list[Compared], path: Path) -> None:
     write_csv(path, heads, rows)
 
 
+def write_split_table(splits: list[SplitsCompared], path: Path) -> None:
+    """One row for each objective, way of splitting and direction."""
+    rows = []
+    for c in splits:
+        place = () if c.camera is None else (c.camera,)
+        theta = np.rad2deg(c.theta).tolist()
+        for (name, over, warped), values, ratio in zip(c.keys, c.values, c.ratio, strict=True):
+            for k, angle in enumerate(theta):
+                light = () if c.camera is None else (k,)
+                cells = finite_or_none(values[k]), finite_or_none(ratio[k])
+                rows.append([c.metric, c.norm, *place, *light, name, over, warped, angle, *cells])
+    scene = ["camera", "light"] if splits[0].camera is not None else []
+    heads = ["metric", "norm", *scene, "splits", "over", "warped", "theta_deg", "value", "over_best"]
+    write_csv(path, heads, rows)
+
+
 def _cell(value: float) -> float | str:
     return "" if math.isnan(value) else float(value)
 
@@ -78,11 +95,24 @@ def _column(values: np.ndarray | None, i: int | None) -> list | None:
     return row.tolist() if row.dtype == bool else [v if math.isfinite(v) else "" for v in row.tolist()]
 
 
-def compare_record(config: CompareConfig | SceneCompareConfig, compared: list[Compared], scene: SceneInput | None):
+def compare_record(
+    config: CompareConfig | SceneCompareConfig, compared: list[Compared], splits: list[SplitsCompared],
+    scene: SceneInput | None,
+) -> dict[str, Any]:  # fmt: skip
     """All results, as strict JSON."""
     lights = {} if scene is None else {"lights": [list(direction) for direction in scene.lights]}
     measure = {"measure": config.objective.measure} if isinstance(config, CompareConfig) else {}
-    return {**lights, "objectives": [measure | _objective(c) for c in compared]}
+    told = {"objectives": [measure | _objective(c) for c in compared]}
+    return lights | told | ({"cascades": [_splits(c) for c in splits]} if splits else {})
+
+
+def _splits(c: SplitsCompared) -> dict[str, Any]:
+    each = [
+        {"splits": name, "over": over, "warped": warped, "value": _numbers(values), "over_best": _numbers(ratio)}
+        for (name, over, warped), values, ratio in zip(c.keys, c.values, c.ratio, strict=True)
+    ]
+    place = {"metric": c.metric, "norm": c.norm, "camera": c.camera}
+    return place | {"theta_deg": np.rad2deg(c.theta).tolist(), "ways": each}
 
 
 def _objective(c: Compared) -> dict[str, Any]:

@@ -1,0 +1,11 @@
+"""How figures show each way of splitting."""
+
+COLOURS = {
+    "best": "#000000", "stepped": "#777777", "logarithmic": "#0d61d9", "practical": "#d62612", "uniform": "#a3a3a3",
+    "godot": "#478cbf", "unity": "#7a5c3a", "unreal": "#6b3fa0", "bevy": "#e8833a", "three": "#009e73",
+    "filament": "#cc79a7",
+}  # fmt: skip
+MARKERS = {
+    "best": ".", "logarithmic": "o", "practical": "s", "uniform": "D", "godot": "^", "unity": "v", "unreal": "P",
+    "bevy": "X", "three": "<", "filament": ">",
+}  # fmt: skip
