@@ -121,7 +121,8 @@ def plan(
     over a frustum, and receivers: see `over_frustum` and `over_scene`.
 
     Args:
-        view: a `FrustumView`, of any shape; or a `SceneView`, whose direction, aspect and lateral fit each cascade has.
+        view: a `FrustumView`, of any shape; or a `SceneView`, whose direction, aspect and lateral fit each cascade has
+            (where they are searched for, splits are found along those that are best for all receivers together).
         count: cascades, 1 to 16; 1 is `optimal_warp`.
         objective: what the splits minimise. None: E_p in L-inf; but over a scene the logarithmic split of the
             receivers' range, rated by that, which rendered pixels favour over the best splits of E_p
