@@ -1,15 +1,17 @@
 """Cascades of whole frusta: pieces are similar about the eye, so an error depends on far/near alone."""
 
+import dataclasses
 import functools
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
 from .._checks import assembled
 from ..objective import DENSITY_EXPONENT, Objective
+from ..solve.bracketed_newton import increasing_root
 from ..solve.chunks import in_blocks
 from ..solve.frusta import Method, norms_over_frusta, solve_frusta
 from ..theory.view_frustum import ViewFrustum
@@ -19,7 +21,6 @@ from .chain import FINER, all_pairs, best_chain, depths_about, pairs_about
 from .splits import even_in_the_logarithm
 
 _GRID, _ZOOMS = 96, 13  # depths tried at first, even in the logarithm; then finer ones about each split
-_STEPS = 60  # of bisection: to the last bit
 
 
 @jax.jit
@@ -92,7 +93,8 @@ def splits_of_shares(
 ) -> Float[Array, "... K+1"]:
     """Maps of unequal resolution in L-inf: all errors over shares equal, or a cascade unused (theory2 section 1, (c)).
 
-    Bisection over the common error, and in each share over the ratio whose error that is: g grows with the ratio.
+    The root of "all lengths the whole" in the common error, and in each share that of "this error" in the length: both
+    increase. Their derivatives are the implicit functions'.
     """
     return _balanced(view, jnp.asarray(shares), overlap, objective, warp)
 
@@ -101,51 +103,69 @@ def splits_of_shares(
 def _balanced(view: FrustumView, shares: Array, overlap: Array | float, objective: Objective, warp: bool) -> Array:
     near, far = ends_of(view)
     whole = jnp.log(far / near) - (len(shares) - 1) * jnp.log1p(-overlap)
-    scale = shares.astype(near.dtype) ** objective.resolution_power
-    fixed = FrustumView(ViewFrustum(jnp.ones_like(near), 2 * jnp.ones_like(near), view.frustum.half_fov), view.theta)
-
-    def error(u: Array) -> Array:  # (..., K): of a piece of ratio exp(u)
-        return errors_over_frusta(fixed, jnp.ones_like(u), jnp.exp(u), objective, warp)[0]
-
-    whole_error = error(jnp.broadcast_to(whole[..., None], (*whole.shape, 1)))
-
-    def lengths(level: Array) -> Array:
-        small = jnp.zeros((*level.shape, len(shares)), level.dtype)
-        large = jnp.broadcast_to(whole[..., None], small.shape)
-
-        def halved(_, ends):
-            small, large = ends
-            middle = (small + large) / 2
-            fits = error(middle) <= level[..., None] * scale
-            return jnp.where(fits, middle, small), jnp.where(fits, large, middle)
-
-        # A bisection from below stops short of the whole, which one map may hold alone.
-        found, _ = jax.lax.fori_loop(0, _STEPS, halved, (small, large))
-        return jnp.where(whole_error <= level[..., None] * scale, large, found)
-
-    def tighter(_, ends):
-        low, high = ends
-        middle = (low + high) / 2
-        enough = lengths(middle).sum(-1) >= whole
-        return jnp.where(enough, low, middle), jnp.where(enough, middle, high)
-
-    top = whole_error[..., 0] / scale.min()
-    _, high = jax.lax.fori_loop(0, _STEPS, tighter, (jnp.zeros_like(top), top))
-    u = jax.lax.stop_gradient(lengths(high))
-    # A Newton step of "all errors equal, all lengths the whole": of the bisections' rounding, and with their derivative
-    # (the implicit function theorem). A map that would exceed the level alone stays unused, at length 0.
-    used = jnp.exp(u) > 1
-    u = jnp.where(used, u, 0)
-    slopes = jax.lax.stop_gradient(jax.jvp(error, (u,), (jnp.ones_like(u),))[1])
-    inverse = jnp.where(used, scale / jnp.where(used, slopes, 1), 0)
-    values = error(u) / scale
-    level = (whole - (u - values * inverse).sum(-1)) / inverse.sum(-1)
-    u = u + (level[..., None] - values) * inverse
+    phi, theta, _ = jnp.broadcast_arrays(view.frustum.half_fov, view.theta, near)
+    lengths = _Lengths(objective, warp)
+    log_scale = objective.resolution_power * jnp.log(shares.astype(near.dtype))
+    ends = (lengths.log_error(jnp.broadcast_to(u, near.shape), (phi, theta)) for u in (_thin(near.dtype), whole))
+    args = phi, theta, whole, log_scale, tuple(jax.lax.stop_gradient(v) for v in ends)
+    least, most = (v - log_scale.max() for v in args[-1])
+    least = jnp.where(least > -jnp.inf, least, most - 50)
+    level, _ = increasing_root(lengths, args, jax.lax.stop_gradient(least), jax.lax.stop_gradient(most))
+    u = lengths.of(level, args)
+    # A map that would exceed the level alone stays unused, at length 0.
+    u = jnp.where(jnp.exp(u) > 1, u, 0)
     ends = jnp.cumsum(u, -1) + jnp.arange(len(shares)) * jnp.log1p(-overlap)
     made = near[..., None] * jnp.exp(jnp.concatenate([jnp.zeros_like(ends[..., :1]), ends], -1))
     # What is left by rounding before the far plane is no map of its own.
     last = far[..., None]
     return jnp.where(made >= last * (1 - 64 * jnp.finfo(made.dtype).eps), last, made).at[..., -1].set(far)
+
+
+def _thin(dtype) -> float:
+    """The length in the logarithm of a piece of nearly none, whose error is the least of any."""
+    return 8 * float(jnp.finfo(dtype).eps)
+
+
+@dataclasses.dataclass(frozen=True)
+class _LogError:
+    """The logarithm of a piece's error over a target; increasing in the length u of the piece in the logarithm."""
+
+    objective: Objective
+    warp: bool
+
+    def __call__(self, u: Array, args: tuple[Array, Array, Array]) -> Array:
+        phi, theta, target = args
+        one = jnp.ones_like(u)
+        piece = FrustumView(assembled(ViewFrustum, near=one, far=2 * one, half_fov=phi), theta)
+        value, _ = errors_over_frusta(piece, one[..., None], jnp.exp(u)[..., None], self.objective, self.warp)
+        return jnp.log(value[..., 0]) - target
+
+
+@dataclasses.dataclass(frozen=True)
+class _Lengths:
+    """By how much all maps together are longer than the whole at a common error; increasing in its logarithm."""
+
+    objective: Objective
+    warp: bool
+
+    def log_error(self, u: Array, args: tuple[Array, Array]) -> Array:
+        """Of a piece of length u."""
+        return _LogError(self.objective, self.warp)(u, (*args, jnp.zeros_like(u)))
+
+    def of(self, level: Array, args: PyTree) -> Array:
+        """Each map's length, (..., K), at most the whole."""
+        phi, theta, whole, log_scale, (least, most) = args
+        phi, theta, whole, least, most = (v[..., None] for v in (phi, theta, whole, least, most))
+        target = level[..., None] + log_scale
+        inside = (target > least) & (target < most)
+        safe = jnp.where(inside, target, (jnp.maximum(least, most - 50) + most) / 2)
+        phi, theta, high = (jnp.broadcast_to(v, target.shape) for v in (phi, theta, whole))
+        error = _LogError(self.objective, self.warp)
+        found, _ = increasing_root(error, (phi, theta, safe), jnp.zeros_like(high), jax.lax.stop_gradient(high))
+        return jnp.where(inside, found, jnp.where(target > least, high, 0))
+
+    def __call__(self, level: Array, args: PyTree) -> Array:
+        return self.of(level, args).sum(-1) - args[2]
 
 
 def splits_of_means(
