@@ -81,8 +81,7 @@ def test_engines_split_where_their_sources_say(name, near, far, count, depths):
     np.testing.assert_array_equal(splits.ENGINES[name](near, far, 1), (near, far))
 
 
-@pytest.mark.thorough("100000")
-@pytest.mark.parametrize("count", [1_000, 100_000])
+@pytest.mark.parametrize("count", [1_000, pytest.param(100_000, marks=pytest.mark.thorough)])
 def test_no_certificate_is_violated(count):
     """Theorems 2 and 3 on random frusta with random splits, shares and bands: min e <= optimum <= max e."""
     rng = np.random.default_rng(4)
@@ -189,15 +188,14 @@ def sets_of_points(count: int, size: int):
         yield eye @ np.asarray(CAMERA.rotation) + np.asarray(CAMERA.position)
 
 
+GOALS = [Objective("p"), Objective("pxq"), Objective("storage"), Objective("p", "l2"), Objective("edge")]
+
+
 @pytest.mark.parametrize(
     ("count", "goal"),
-    [
-        (40, Objective("p")), *((200, Objective(name)) for name in ("p", "pxq", "storage")),
-        (200, Objective("p", "l2")), (200, Objective("edge")),
-    ],
+    [(40, GOALS[0]), *(pytest.param(200, goal, marks=pytest.mark.thorough) for goal in GOALS)],
     ids=lambda value: value if isinstance(value, int) else value.title,
-)  # fmt: skip
-@pytest.mark.thorough("200-E_p", "200-E_pxq", "200-storage", "200-E_p, norm l2", "200-edge, norm l1")
+)
 def test_plans_over_receivers_are_those_of_exhaustive_search(count, goal):
     """Sets of eight points, every split between them, each interval solved as receivers of its own."""
     size = 8

@@ -334,7 +334,7 @@ def test_help_and_refusals_do_not_wait_for_jax():
 
 
 APP = Path(cli.__file__).parent
-SHARED = {"common": set(), "inputs": {"common"}, "frusta": {"common"}}
+SHARED = {"common": set(), "inputs": {"common"}, "frusta": {"common"}, "splits": {"common"}}
 
 
 @pytest.mark.parametrize("room", sorted(path.parent.name for path in APP.glob("*/__init__.py")))

@@ -7,7 +7,7 @@ import pytest
 from frame_cases import camera_at, tables
 
 import warpopt
-from warpopt.app.cascades.settings import Scheme
+from warpopt.app.splits.settings import Scheme
 from warpopt.cascades import splits
 from warpopt.frames import FILTERS, LitScene, Reading, ShadowMap, measured, names, see
 from warpopt.frames.cascade_fits import fit_cascades, maps_of

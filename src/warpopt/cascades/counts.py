@@ -58,7 +58,7 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
     else:
         of, first, times = np.repeat(numbers, numbers), np.concatenate([np.arange(n) for n in numbers]), 1
     even = uniform_at if scene.camera.is_orthographic else even_in_the_logarithm
-    starts, ends = (np.asarray(even(near, far, k / of)) for k in (first, first + 1))
+    starts, ends = (even(near, far, k / of) for k in (first, first + 1))
     needed = []
     for at in range(0, len(starts), _TOGETHER):
         _, solutions = solved_between(scene, starts[at : at + _TOGETHER], ends[at : at + _TOGETHER], _TEXELS)
@@ -70,7 +70,8 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
 @jax.jit
 def _totals(needed: list[Array], times: np.ndarray | int, of: np.ndarray, price: Array) -> Array:
     """Each number's maps together, and their price."""
-    return times * jax.ops.segment_sum(jnp.concatenate(needed), of - 1, MOST) + price * jnp.arange(1, MOST + 1)
+    together = jax.ops.segment_sum(jnp.concatenate(needed), of - 1, MOST)
+    return jnp.asarray(times) * together + price * jnp.arange(1, MOST + 1)
 
 
 def in_world(view: FrustumView) -> SceneView:

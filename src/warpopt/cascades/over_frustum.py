@@ -60,7 +60,9 @@ def errors_of_similar(
     view: FrustumView, starts: Float[Array, "... K"], ends: Float[Array, "... K"], objective: Objective, warp: bool
 ) -> tuple[Float[Array, "... K"], Warp]:
     """`errors_over_frusta` of pieces of equal far/near: the first one's error and eta, its lengths in proportion."""
-    return _in_proportion(starts, *errors_over_frusta(view, *_first(starts, ends), objective, warp))
+    first, end = _first(starts, ends)
+    each, warps = errors_over_frusta(view, first, end, objective, warp)
+    return _in_proportion(starts, each, warps)
 
 
 @jax.jit

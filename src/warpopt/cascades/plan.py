@@ -198,7 +198,8 @@ def errors(
     whole = isinstance(view, FrustumView)
     splits = checked_splits(splits, isinstance(view, SceneView))
     goal, band, parts = _checked(view, splits.shape[-1] - 1, objective, overlap, shares, warp)
-    _refuse_outside(splits, *(ends_of(view) if whole else depth_range(view)), whole)
+    near, far = ends_of(view) if whole else depth_range(view)
+    _refuse_outside(splits, near, far, whole)
     return _plan_of(view, splits, goal, band, parts, warp, False)
 
 
@@ -283,7 +284,7 @@ def _rated(
     """(errors over shares, the value, the least error of the cascades that hold something, how many those are)."""
     over = each / jnp.asarray(scale, each.dtype)
     # One measure for all cascades: a mean in each would change with the split.
-    value = over.max(-1) if mass is None else (mass * over**power).sum(-1) ** (1 / power)
+    value = over.max(-1) if mass is None or power is None else (mass * over**power).sum(-1) ** (1 / power)
     return over, value, jnp.where(over > 0, over, jnp.inf).min(-1), (over > 0).sum(-1)
 
 
@@ -343,4 +344,5 @@ def _refuse_outside(splits: Array, near: Array, far: Array, exact: bool) -> None
 @jax.jit
 def _ends(splits: Array, near: Array) -> tuple[Array, Array]:
     """The first and last depths, in the joint shape."""
-    return tuple(jnp.broadcast_arrays(splits[..., 0], splits[..., -1], near)[:2])
+    first, last, _ = jnp.broadcast_arrays(splits[..., 0], splits[..., -1], near)
+    return first, last

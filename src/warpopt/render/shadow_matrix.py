@@ -136,8 +136,8 @@ def matrix_and_depth(
     if warp.eta.ndim:
         raise ValueError(f"warp: got shape {warp.eta.shape}, expected one; use jax.vmap over more")
     flag("depth_clamp", depth_clamp)
-    bounded = is_traced(casters) and not isinstance(casters, ConvexBody) and jnp.ndim(casters) == 2
-    casters = casters_of(casters)
+    given, casters = casters, casters_of(casters)
+    bounded = isinstance(casters, ConvexBody) and casters is not given  # traced points
     convention = to_clip(clip_space, view.camera.position.dtype)
     matrix, lost, depth = _matrix(view, warp, None if depth_clamp else casters, np.array(padding), convention)
     refuse_lost(lost)
