@@ -12,6 +12,8 @@ from jaxtyping import Array, Float, PyTree
 from .._checks import Numbers, checked, float_arrays, is_traced
 from .._words import flag, one_of, whole_number
 from ..objective import Objective
+from ..receivers import ConvexBody
+from ..render.casters import casters_of
 from ..render.shadow_matrix import ClipSpace, shadow_matrix
 from ..render.sphere_fit import sphere_matrix
 from ..solve.solution import SceneSolution
@@ -58,7 +60,7 @@ class Plan(eqx.Module):
     views: SceneView | None = None
 
     def matrices(
-        self, clip_space: ClipSpace | None = None, *, casters: Numbers | None = None,
+        self, clip_space: ClipSpace | None = None, *, casters: Numbers | ConvexBody | None = None,
         padding: tuple[float, float] = (0.0, 0.0), fit: Literal["tight", "sphere"] = "tight", texels: int | None = None,
     ) -> tuple[Float[Array, "K 4 4"], Float[Array, " K"]]:  # fmt: skip
         """(each cascade's `shadow_matrix`, the view depth where each ends), ready for a uniform buffer.
@@ -84,13 +86,13 @@ class Plan(eqx.Module):
             raise ValueError(f"padding: got {padding!r} with fit='sphere', expected none: it would move its texels")
         if self.views is None or self.solutions is None:
             raise ValueError("plan: got one over a FrustumView, expected one over a SceneView, which is in the world")
-        made = []
+        shapes, made = casters_of(casters), []  # once: the hull of points is found on the host
         for k in range(self.errors.shape[-1]):
             view, solution, start, end = _one((self.views, self.solutions, self.starts, self.splits[1:]), k)
             if texels is None:
-                matrix = shadow_matrix(view, solution, clip_space, casters=casters, padding=padding)
+                matrix = shadow_matrix(view, solution, clip_space, casters=shapes, padding=padding)
             else:
-                matrix = sphere_matrix(view, texels, clip_space, casters=casters, near=start, far=end)
+                matrix = sphere_matrix(view, texels, clip_space, casters=shapes, near=start, far=end)
             made.append(matrix)
         return _where_there(made, self.solutions.footprint.empty), self.splits[1:]
 
