@@ -46,12 +46,12 @@ def best_chain(
     Args:
         depths: to choose from.
         pairs: where a cascade may begin and end, by number.
-        costs: of those; inf for none, which those of all other pairs are too.
+        costs: of those; inf or NaN for none, which those of all other pairs are too.
         weights: of each cascade's costs.
     """
     count = depths.shape[-1]
     table = jnp.full((*costs.shape[:-1], count, count), jnp.inf, costs.dtype)
-    table = table.at[..., pairs[:, 0], pairs[:, 1]].set(costs)
+    table = table.at[..., pairs[:, 0], pairs[:, 1]].set(jnp.where(jnp.isnan(costs), jnp.inf, costs))
     # best: the least sum of the first cascades that end at each depth
     best, choices = weights[0] * table[..., 0, :], []
     for k in range(1, len(weights)):

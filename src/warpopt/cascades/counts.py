@@ -49,8 +49,10 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
     scene = in_world(view) if isinstance(view, FrustumView) else view
     settled_scene(scene, _TEXELS)  # refuses a ground that is seen to its horizon
     near, far = depth_range(scene)
-    if not float(near) < float(far):
-        return 1, jnp.zeros(MOST) + price
+    if not float(near) < float(far):  # at one depth, one map holds all receivers, whatever the number of maps
+        _, solution = solved_between(scene, near[None], jnp.maximum(near, far)[None], _TEXELS)
+        needed = solution.value if warp else solution.unwarped
+        return 1, jnp.where(near <= far, needed, 0) + price * jnp.arange(1, MOST + 1)
     logarithmic(near, far, 1)  # refuses an endless range
     numbers = np.arange(1, MOST + 1)
     if isinstance(view, FrustumView):  # over a whole frustum all pieces need the same: the first, so many times

@@ -104,20 +104,17 @@ def splits_of_shares(
 @functools.partial(jax.jit, static_argnames=("objective", "warp"))
 def _balanced(view: FrustumView, shares: Array, overlap: Array | float, objective: Objective, warp: bool) -> Array:
     near, far = ends_of(view)
-    whole = jnp.log(far / near) - (len(shares) - 1) * jnp.log1p(-overlap)
+    whole = jnp.log(far / near)
     phi, theta, _ = jnp.broadcast_arrays(view.frustum.half_fov, view.theta, near)
     lengths = _Lengths(objective, warp)
     log_scale = objective.resolution_power * jnp.log(shares.astype(near.dtype))
     ends = (lengths.log_error(jnp.broadcast_to(u, near.shape), (phi, theta)) for u in (_thin(near.dtype), whole))
-    args = phi, theta, whole, log_scale, tuple(jax.lax.stop_gradient(v) for v in ends)
+    band = jnp.log1p(-jnp.asarray(overlap, near.dtype))
+    args = phi, theta, whole, log_scale, band, tuple(jax.lax.stop_gradient(v) for v in ends)
     least, most = (v - log_scale.max() for v in args[-1])
     least = jnp.where(least > -jnp.inf, least, most - 50)
     level, _ = increasing_root(lengths, args, jax.lax.stop_gradient(least), jax.lax.stop_gradient(most))
-    u = lengths.of(level, args)
-    # A map that would exceed the level alone stays unused, at length 0.
-    u = jnp.where(jnp.exp(u) > 1, u, 0)
-    ends = jnp.cumsum(u, -1) + jnp.arange(len(shares)) * jnp.log1p(-overlap)
-    made = near[..., None] * jnp.exp(jnp.concatenate([jnp.zeros_like(ends[..., :1]), ends], -1))
+    made = near[..., None] * jnp.exp(lengths.ends(level, args))
     # What is left by rounding before the far plane is no map of its own.
     last = far[..., None]
     return jnp.where(made >= last * (1 - 64 * jnp.finfo(made.dtype).eps), last, made).at[..., -1].set(far)
@@ -145,7 +142,7 @@ class _LogError:
 
 @dataclasses.dataclass(frozen=True)
 class _Lengths:
-    """By how much all maps together are longer than the whole at a common error; increasing in its logarithm."""
+    """By how much the maps reach beyond the whole at a common error, each as long as that allows; in its logarithm."""
 
     objective: Objective
     warp: bool
@@ -155,8 +152,8 @@ class _Lengths:
         return _LogError(self.objective, self.warp)(u, (*args, jnp.zeros_like(u)))
 
     def of(self, level: Array, args: PyTree) -> Array:
-        """Each map's length, (..., K), at most the whole."""
-        phi, theta, whole, log_scale, (least, most) = args
+        """Each map's length, (..., K), at most the whole; 0 for one that would exceed the level alone."""
+        phi, theta, whole, log_scale, _, (least, most) = args
         phi, theta, whole, least, most = (v[..., None] for v in (phi, theta, whole, least, most))
         target = level[..., None] + log_scale
         inside = (target > least) & (target < most)
@@ -166,8 +163,20 @@ class _Lengths:
         found, _ = increasing_root(error, (phi, theta, safe), jnp.zeros_like(high), jax.lax.stop_gradient(high))
         return jnp.where(inside, found, jnp.where(target > least, high, 0))
 
+    def ends(self, level: Array, args: PyTree) -> Array:
+        """Where each begins and the last one ends, (..., K + 1) logarithms from the near plane.
+
+        A map begins a band before the one before ends, but not before the near plane; one that would not reach farther
+        is not used.
+        """
+        band, each = args[4], self.of(level, args)
+        ends = [jnp.zeros_like(level)]
+        for k in range(each.shape[-1]):
+            ends.append(jnp.maximum(ends[-1], jnp.maximum(ends[-1] + band, 0) + each[..., k]))
+        return jnp.stack(ends, -1)
+
     def __call__(self, level: Array, args: PyTree) -> Array:
-        return self.of(level, args).sum(-1) - args[2]
+        return self.ends(level, args)[..., -1] - args[2]
 
 
 def splits_of_means(

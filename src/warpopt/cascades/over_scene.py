@@ -6,6 +6,7 @@ by one; what is found is then solved over the receivers themselves, so that erro
 """
 
 import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -35,6 +36,10 @@ _CELLS, _BODY = (
 _CLOSE = 2e-3  # of the common error, over cells
 
 
+Mass = Callable[[Float[Array, "..."]], Float[Array, "..."]]
+"""The sum of the weights up to a depth, a pytree."""
+
+
 def within(view: SceneView, near: Float[Array, ""], far: Float[Array, ""]) -> SceneView:
     """The same view with the receivers of a range of view depths alone."""
     part = view.receivers.between(view.camera, near, far)
@@ -57,14 +62,14 @@ def depth_range(view: SceneView) -> tuple[Float[Array, ""], Float[Array, ""]]:
 
 
 def errors_over_scene(
-    view: SceneView, starts: Array, splits: Array, objective: Objective, warp: bool
+    view: SceneView, starts: Array, splits: Array, objective: Objective
 ) -> tuple[SceneView, SceneSolution, Array | None]:
     """(each cascade's view, its solution, each one's part of all weights for a mean), stacked."""
     settled_scene(view, objective)
     views, solutions = solved_between(view, starts, splits[1:], objective)
     mass = None
     if not objective.supremum:
-        mass = _masses(view, splits, objective)
+        mass = jnp.ones_like(starts) if len(starts) == 1 else _masses(view, splits, objective)
     if view.searched:
         views = jax.vmap(lambda v, s: v.along(s))(views, solutions)
     return views, solutions, mass
@@ -115,8 +120,8 @@ def splits_of_scene(
     scale = jnp.asarray(shares**objective.resolution_power, ends.dtype)
     fixed = _fixed(view, objective)
     if objective.supremum:
-        return _equalised(fixed, ends, scale, overlap, objective, warp)
-    return _least_sum(fixed, ends, scale, overlap, objective, warp)
+        return _equalised(fixed, ends, scale, overlap, objective, warp, not overlap)
+    return _least_sum(fixed, _mass(view, objective), ends, scale, overlap, objective, warp)
 
 
 @functools.partial(jax.jit, static_argnames=("objective",))
@@ -152,8 +157,10 @@ class _Levels(NamedTuple):
     step: Int[Array, ""]
 
 
-@functools.partial(jax.jit, static_argnames=("objective", "warp"))
-def _equalised(view: SceneView, ends: Array, scale: Array, overlap: float, objective: Objective, warp: bool) -> Array:
+@functools.partial(jax.jit, static_argnames=("objective", "warp", "apart"))
+def _equalised(
+    view: SceneView, ends: Array, scale: Array, overlap: float, objective: Objective, warp: bool, apart: bool
+) -> Array:
     """L-inf: all cascades but the last as long as a common level allows, and the level at which the last one has it.
 
     Errors grow with what a cascade holds (theory2's Theorem 1), so the longest is right, and the last one's error falls
@@ -161,7 +168,7 @@ def _equalised(view: SceneView, ends: Array, scale: Array, overlap: float, objec
     cascade exceeds, and at first the least error of the logarithmic split (Theorem 2).
     """
     coarse = view.receivers.of_cells
-    depths = _between_all(view, ends, EXACT)
+    depths = _between_all(view, ends, EXACT, apart)
     if depths is None:
         depths = even_in_the_logarithm(ends[0], ends[1], np.linspace(0, 1, _CELLS if coarse else _BODY))
     # Cells are coarser than a thousandth; points are exact.
@@ -241,20 +248,26 @@ def _equalised(view: SceneView, ends: Array, scale: Array, overlap: float, objec
     return jnp.concatenate([ends[:1], depths[at[:-1]], ends[1:]])
 
 
-@functools.partial(jax.jit, static_argnames=("most",))
-def _between_all(view: SceneView, ends: Array, most: int) -> Array | None:
-    """Depths between every two receivers, and the ends; None for more than `most`, and for others than points."""
+@functools.partial(jax.jit, static_argnames=("most", "apart"))
+def _between_all(view: SceneView, ends: Array, most: int, apart: bool) -> Array | None:
+    """Depths between every two receivers, and the ends; None for more than `most`, and for others than points.
+
+    `apart`: in the middle; else next to the farther one, where a map that overlaps the one before begins latest.
+    """
     if not isinstance(view.receivers, OneByOne):
         return None
     points, there = view.receivers.places(view.camera)
     if len(points) > most:
         return None
     z = jnp.sort(jnp.where(there > 0, points[:, 2], ends[1]))
-    between = jnp.sqrt(z[:-1]) * jnp.sqrt(z[1:])
+    place = 0.5 if apart else 1 - float(jnp.finfo(z.dtype).eps) ** 0.5
+    between = z[:-1] * (z[1:] / z[:-1]) ** place
     return jnp.concatenate([ends[:1], jnp.clip(between, *ends), ends[1:]])
 
 
-def _least_sum(view: SceneView, ends: Array, scale: Array, overlap: float, objective: Objective, warp: bool) -> Array:
+def _least_sum(
+    view: SceneView, mass: Mass, ends: Array, scale: Array, overlap: float, objective: Objective, warp: bool
+) -> Array:
     """Means: a dynamic programme over depths, exact where those are between all receivers; else again over finer ones
     about each split."""
 
@@ -262,10 +275,10 @@ def _least_sum(view: SceneView, ends: Array, scale: Array, overlap: float, objec
         at, costs = np.asarray(depths)[pairs], []
         for part in np.split(at, range(_TOGETHER, len(at), _TOGETHER)):  # as many in each call: one program
             a, b = np.pad(part, ((0, _TOGETHER - len(part)), (0, 0)), mode="edge").T
-            costs.append(np.asarray(_costs(view, ends, a, b, overlap, objective, warp))[: len(part)])
+            costs.append(np.asarray(_costs(view, mass, ends, a, b, overlap, objective, warp))[: len(part)])
         return best_chain(depths, pairs, np.concatenate(costs), scale**-objective.order)
 
-    depths = _between_all(view, ends, _FEW)
+    depths = _between_all(view, ends, _FEW, not overlap)
     if depths is not None:
         found = chain(depths, all_pairs(len(depths)))
     else:
@@ -279,14 +292,10 @@ def _least_sum(view: SceneView, ends: Array, scale: Array, overlap: float, objec
 
 @functools.partial(jax.jit, static_argnames=("objective", "warp"))
 def _costs(
-    view: SceneView, ends: Array, a: Array, b: Array, overlap: Array | float, objective: Objective, warp: bool
-) -> Array:
+    view: SceneView, mass: Mass, ends: Array, a: Array, b: Array, overlap: Array | float, objective: Objective,
+    warp: bool,
+) -> Array:  # fmt: skip
     """What cascades between two depths add to the sum of E^P over all receivers; inf for a negative length."""
-    if view.receivers.of_cells:  # its norms are already over the sum of all weights
-        shares = jnp.ones_like(a)
-    else:
-        mass = view.receivers.mass_up_to(view.camera, objective)
-        shares = mass(b) - jnp.where(a <= ends[0], 0, mass(a))
 
     def one(part: tuple[Array, Array, Array]) -> Array:
         a, b, share = part
@@ -294,4 +303,10 @@ def _costs(
         value = _error(view, start, jnp.maximum(b, start * (1 + 1e-6)), objective, warp)
         return jnp.where(b > a, share * value**objective.order, jnp.where(b == a, 0, jnp.inf))
 
+    shares = mass(b) - jnp.where(a <= ends[0], 0, mass(a))
     return jax.lax.map(one, (a, b, shares), batch_size=64)
+
+
+@functools.partial(jax.jit, static_argnames=("objective",))
+def _mass(view: SceneView, objective: Objective) -> Mass:
+    return view.receivers.mass_up_to(view.camera, objective)

@@ -16,6 +16,7 @@ from ..receivers import ConvexBody
 from ..render.casters import casters_of
 from ..render.shadow_matrix import ClipSpace, shadow_matrix
 from ..render.sphere_fit import sphere_matrix
+from ..solve.outcome import Outcome
 from ..solve.solution import SceneSolution
 from ..theory.warp import Warp
 from ..views import FrustumView, SceneView, refuse_other
@@ -136,6 +137,7 @@ def plan(
 
     Raises:
         ValueError: arguments out of range, or far/near (1 - overlap) <= 1, for which there are no such cascades.
+        RuntimeError: as `errors`.
 
     Example:
         >>> import warpopt
@@ -189,6 +191,7 @@ def errors(
 
     Raises:
         ValueError: splits that fall, that leave receivers out, or that lie outside of the frustum.
+        RuntimeError: a cascade whose error is no number, as in a mean over a piece deeper than far/near of 7.9e13.
 
     Example:
         >>> import warpopt
@@ -216,13 +219,14 @@ def _plan_of(
         each, warps = solved(view, starts, ends, goal, warp)
         mass = None if goal.supremum else masses(splits[..., :-1], ends, *ends_of(view), goal)
         return _assembled(splits, starts, warps, each, goal, parts, mass, _FRUSTUM, None, None)
-    views, solutions, mass = errors_over_scene(view, starts, splits, goal, warp)
+    views, solutions, mass = errors_over_scene(view, starts, splits, goal)
+    each, mass, empty = _held(solutions, splits, mass, parts, warp)
+    solutions = eqx.tree_at(lambda s: s.footprint.empty, solutions, empty)
     warps = solutions.warp
     if not warp:
         warps = warps.unwarped
         solutions = eqx.tree_at(lambda s: s.warp, solutions, warps)
-    each = solutions.value if warp else solutions.unwarped
-    aside = view.lateral != "free" and bool((solutions.footprint.axis != 0).any())
+    aside = view.lateral != "free" and bool((~empty & (solutions.footprint.axis != 0)).any())
     needs_axis = any(term.beta for term in goal.terms)
     # Without a warp a map lies along the direction that is best with one: its own, and not its best.
     alone = view.warp_direction in ("gradient", "middle") or (view.searched and not warp)
@@ -245,10 +249,28 @@ def _of_equal_ratios(near: Array, far: Array, band: Array | float, count: int) -
 
 @jax.jit
 def _pieces(splits: Array, band: Array | float) -> tuple[Array, Array]:
-    """Where each cascade begins and ends."""
-    first = splits[..., :1]
-    starts = jnp.concatenate([first, splits[..., 1:-1] * (1 - band)], -1)
-    return jnp.maximum(starts, first), splits[..., 1:]
+    """Where each cascade begins and ends; one of no length of its own has no band either."""
+    first, own, ends = splits[..., :1], splits[..., :-1], splits[..., 1:]
+    starts = jnp.concatenate([first, own[..., 1:] * (1 - band)], -1)
+    return jnp.where(ends > own, jnp.maximum(starts, first), own), ends
+
+
+@functools.partial(jax.jit, static_argnames=("warp",))
+def _held(
+    solutions: SceneSolution, splits: Array, mass: Array | None, shares: np.ndarray, warp: bool
+) -> tuple[Array, Array | None, Array]:
+    """(each cascade's error, its part of all weights, whether it holds nothing).
+
+    One of no length holds nothing: a receiver at its split is the one's before or after. If all receivers are at one
+    depth, they are the finest map's.
+    """
+    one = splits[0] == splits[-1]
+    finest = jnp.arange(len(shares)) == np.argmax(shares)
+    held = jnp.where(one, finest, splits[1:] > splits[:-1])
+    each = jnp.where(held, solutions.value if warp else solutions.unwarped, 0)
+    if mass is not None:
+        mass = jnp.where(one, finest.astype(mass.dtype), mass)
+    return each, mass, solutions.footprint.empty | ~held
 
 
 _FRUSTUM = "errors grow with what a cascade holds, so any split certifies itself (Theorem 2)"
@@ -263,7 +285,9 @@ def _assembled(splits, starts, warps, each, objective, shares, mass, why, views,
     why = _MEANS if mass is not None else why
     proved = not why.startswith("not proved")
     power = None if mass is None else objective.order
-    over, value, lower, held = _rated(each, shares**objective.resolution_power, mass, power)
+    over, value, lower, held, lost = _rated(each, shares**objective.resolution_power, mass, power)
+    if not is_traced(lost) and int(lost):
+        raise RuntimeError(f"cascades: {int(lost)} of {over.size} have no error: {Outcome.not_finite.sentence}")
     if not proved:
         lower = jnp.full_like(value, jnp.nan)
     elif not is_traced(over) and (np.asarray(held) < over.shape[-1]).any():
@@ -282,12 +306,13 @@ def _assembled(splits, starts, warps, each, objective, shares, mass, why, views,
 @functools.partial(jax.jit, static_argnames=("power",))
 def _rated(
     each: Array, scale: np.ndarray, mass: Array | None, power: float | None
-) -> tuple[Array, Array, Array, Array]:
-    """(errors over shares, the value, the least error of the cascades that hold something, how many those are)."""
+) -> tuple[Array, Array, Array, Array, Array]:
+    """(errors over shares, the value, the least error of the cascades that hold something, how many those are, how many
+    errors are NaN)."""
     over = each / jnp.asarray(scale, each.dtype)
     # One measure for all cascades: a mean in each would change with the split.
     value = over.max(-1) if mass is None or power is None else (mass * over**power).sum(-1) ** (1 / power)
-    return over, value, jnp.where(over > 0, over, jnp.inf).min(-1), (over > 0).sum(-1)
+    return over, value, jnp.where(over > 0, over, jnp.inf).min(-1), (over > 0).sum(-1), jnp.isnan(over).sum()
 
 
 def _checked(

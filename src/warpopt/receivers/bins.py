@@ -153,6 +153,7 @@ def with_moments(
     receivers_of: Callable[[PyTree], tuple[Array, Array, Array]],
     unit: Array,
     objective: Objective,
+    mass: Array | None = None,
 ) -> Footprint:
     """The footprint with the moments of weighted receivers; all terms are positive.
 
@@ -162,6 +163,7 @@ def with_moments(
     Args:
         rows: arrays whose leading axis is the row.
         receivers_of: gives (Z_w . c, `unit` over z, weight) of one row's receivers.
+        mass: what means are over; the sum of the weights if None.
     """
     M, exponent = round(objective.blend_degree), objective.metric.depth_power * objective.order
     # Few inputs: LLVM vectorises a sweep less the more it reads (one more input halves the speed). 1 - delta is as
@@ -174,15 +176,15 @@ def with_moments(
         weighted = weight * power(nearness, exponent)
         near, far = (_powers(v, M) for v in (1 - delta, delta))
         terms = (weighted * near[M - j] * far[j] for j in range(M + 1))
-        return tuple(total + term for total, term in zip(sums, (weight, *terms), strict=True)), None
+        return tuple(old + term for old, term in zip(sums, (weight, *terms), strict=True)), None
 
     first = jax.tree.map(lambda v: v[0], rows)
     shape = jax.eval_shape(lambda row: receivers_of(row)[2], first)
-    mass, *raw = sweep(add, (jnp.zeros(shape.shape, shape.dtype),) * (M + 2), rows, (jnp.sum,) * (M + 2))[0]
+    total, *raw = sweep(add, (jnp.zeros(shape.shape, shape.dtype),) * (M + 2), rows, (jnp.sum,) * (M + 2))[0]
     # A receiver at an end may have delta = -eps, so the sums are clamped. (Clamping each receiver costs more than the
     # rest of the sweep.)
     sums = [larger(value.sum(), 0) for value in raw]
-    return footprint.with_moments(binomial_moments(sums, mass.sum(), objective), unit)
+    return footprint.with_moments(binomial_moments(sums, total.sum() if mass is None else mass, objective), unit)
 
 
 def _powers(base: Array, highest: int) -> list[Array]:

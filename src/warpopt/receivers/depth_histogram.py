@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -119,11 +120,7 @@ class DepthHistogram(Receivers):
         by_depth = ~(density * (high > low) > 0).any() | self.weights.by_depth
         density = jnp.where(by_depth, self.counts.astype(whole.dtype) / jnp.diff(whole), density)
 
-        def mass(depth: Float[Array, "..."]) -> Float[Array, "..."]:
-            end = jnp.clip(depth[..., None], low, high)
-            return (density * (end - low) * jnp.where(by_depth, (end + low) / 2, 1)).sum(-1)
-
-        return mass
+        return jax.tree_util.Partial(_up_to, density, low, high, by_depth)
 
     def places(self, camera: Camera) -> tuple[Float[Array, "N 3"], Float[Array, " N"]]:
         """See `Receivers`: the corners of each bin's slab, which count as its receivers do."""
@@ -164,3 +161,8 @@ class DepthHistogram(Receivers):
         filled = (np.asarray(self.counts) > 0) & (far > near)
         slabs = [slab(camera.corner_slopes(), n, f) for n, f in zip(near[filled], far[filled], strict=True)]
         return BodyProfile(slabs, Solid(planes, edges[1:-1], weights, DENSITY_EXPONENT["screen"]), camera, frame)
+
+
+def _up_to(density: Array, low: Array, high: Array, by_depth: Array, depth: Float[Array, "..."]) -> Float[Array, "..."]:
+    end = jnp.clip(depth[..., None], low, high)
+    return (density * (end - low) * jnp.where(by_depth, (end + low) / 2, 1)).sum(-1)

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import ClassVar, get_args
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -33,7 +34,7 @@ class Receivers(eqx.Module):
         measures: the measures that L_P norms over this kind accept; a set is weighted by its weights instead.
         weighted: whether the kind is a set with weights, over which means of "edge", "band" and "max" can be taken.
         one_at_a_time: whether one pass uses all cores, so that views are solved one after the other.
-        of_cells: whether its maxima are those of cells, and its means over the sum of all weights there were.
+        of_cells: whether its maxima are those of cells, and its means those of their centroids.
         any_projection: whether the kind serves orthographic cameras: it takes z for errors from `LightFrame.eye_depth`.
 
     Example:
@@ -102,7 +103,7 @@ class Receivers(eqx.Module):
     def mass_up_to(self, camera: Camera, objective: Objective) -> Callable[[Float[Array, "..."]], Float[Array, "..."]]:
         """The function from eye depths to the sum of the weights of what is not farther, for means over cascades.
 
-        Called under `jax.jit`.
+        Called under `jax.jit`, and returned from there: a `jax.tree_util.Partial`.
 
         Raises:
             ValueError: as `counted`.
@@ -110,7 +111,7 @@ class Receivers(eqx.Module):
         points, weights, _ = self.counted(camera, objective)
         order = jnp.argsort(points[:, 2])
         z, summed = points[order, 2], jnp.concatenate([jnp.zeros(1, weights.dtype), jnp.cumsum(weights[order])])
-        return lambda depth: summed[jnp.searchsorted(z, depth, side="right")]
+        return jax.tree_util.Partial(_up_to, z, summed)
 
     def sketch(self, camera: Camera, objective: Objective) -> "Receivers":
         """The same receivers, or fewer that stand for them, whose footprint is cheap enough for many directions.
@@ -184,3 +185,7 @@ class Receivers(eqx.Module):
                 f"measure: got {objective.measure!r} with {type(self).__name__}, expected "
                 + (f"one of {expected}" if len(self.measures) > 1 else f"{expected}: it has weights")
             )
+
+
+def _up_to(z: Float[Array, " N"], summed: Float[Array, " N+1"], depth: Float[Array, "..."]) -> Float[Array, "..."]:
+    return summed[jnp.searchsorted(z, depth, side="right")]

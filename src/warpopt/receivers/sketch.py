@@ -32,12 +32,13 @@ _LEAST_TILE = 2  # pixels along a side: smaller buffers have fewer tiles
 
 
 class Sums(NamedTuple):
-    """Of w (unit/z)^(r P) times 1 and the eye coordinates, over the sum of all w, for each cell."""
+    """For each cell, of w (unit/z)^(r P) times 1 and the eye coordinates; and of w."""
 
     weight: Float[Array, " C"]
     x: Float[Array, " C"]
     y: Float[Array, " C"]
     z: Float[Array, " C"]
+    mass: Float[Array, " C"]
 
 
 class Sketch(Receivers):
@@ -70,20 +71,20 @@ class Sketch(Receivers):
         footprint = from_groups(grouped(there, d, x, h, z, bin_of(jnp.where(there, share, 0)), BINS), camera.near)
         if self.sums is None:
             return footprint
-        sums = self.sums
+        sums, mass = self.sums, self.sums.mass.sum()
         filled = sums.weight > 0
         weight = jnp.where(filled, sums.weight, 1)
         centre = jnp.stack([sums.x, sums.y, sums.z], -1) / weight[:, None]
         if objective.kernel is None:
             depth = jnp.where(filled, frame.depth(centre), footprint.start)
             rows = depth[None], jnp.ones_like(depth)[None], sums.weight[None]
-            return with_moments(footprint, rows, lambda row: row, self.unit, objective)
+            return with_moments(footprint, rows, lambda row: row, self.unit, objective, mass)
         scale = jnp.where(footprint.flat, 0, 1 / footprint.mu)
         delta = jnp.clip((frame.depth(centre) - footprint.start) * scale, 0, 1)
         lateral = jnp.abs(frame.lateral(centre) - footprint.axis) * scale
         samples = Samples(
             LightDepth(jnp.where(filled, delta, 0), jnp.where(filled, 1 - delta, 1)), jnp.where(filled, lateral, 0),
-            sums.weight, None,
+            sums.weight / jnp.where(mass > 0, mass, 1), None,
         )  # fmt: skip
         return eqx.tree_at(lambda f: (f.samples, f.unit), footprint, (samples, self.unit), is_leaf=lambda v: v is None)
 
@@ -93,10 +94,7 @@ class Sketch(Receivers):
         return corners, there.astype(corners.dtype)
 
     def between(self, camera: Camera, near: Float[Array, ""], far: Float[Array, ""]) -> tuple[Camera, Receivers]:
-        """See `Receivers`: cells cut there; each one's weight goes with its centroid.
-
-        Weights stay over the sum of all, so that norms to the power P add up.
-        """
+        """See `Receivers`: cells cut there; each one's weight goes with its centroid."""
         near, far = (jnp.asarray(v, camera.near.dtype) for v in (near, far))
         inside = (self.far >= near) & (self.near <= far)
         cut = (
@@ -195,11 +193,11 @@ def sketch_of_pixels(
             )
             sums = ()
             if averaged:
-                share = part.astype(z.dtype) if weights is None else jnp.where(part, weights, 0)
+                own = part.astype(z.dtype) if weights is None else jnp.where(part, weights, 0)
                 size = camera.screen_depth(z)
-                share = share * power(unit / size, exponent)
+                share = own * power(unit / size, exponent)
                 depth, size = share * z, share * size
-                sums = (share.sum(0), depth.sum(0), size.sum(0), (size * up).sum(0))
+                sums = (share.sum(0), depth.sum(0), size.sum(0), (size * up).sum(0), own.sum(0))
             found.append((*limits, *sums))
         return None, jax.tree.map(lambda *v: jnp.stack(v), *found)
 
@@ -207,10 +205,8 @@ def sketch_of_pixels(
     slopes = jnp.pad(across, pad[1])
     made = None
     if averaged:
-        weight, depth, size, rise = sums
-        mass = (seen if weights is None else weights).astype(z.dtype).sum()
-        mass = jnp.where(mass > 0, mass, 1)
-        made = Sums(*(by_tile(v, jnp.sum).ravel() / mass for v in (weight, size * slopes, rise, depth)))
+        weight, depth, size, rise, mass = sums
+        made = Sums(*(by_tile(v, jnp.sum).ravel() for v in (weight, size * slopes, rise, depth, mass)))
     lows, highs = [], []
     first, last = np.arange(columns) * aside, np.minimum(np.arange(1, columns + 1) * aside, width) - 1
     top, bottom = np.arange(rows) * down, np.minimum(np.arange(1, rows + 1) * down, height) - 1
@@ -256,8 +252,7 @@ def sketch_of_points(
     low, high = (jnp.where(filled[:, None], v, 0) for v in (low, high))
     made = None
     if not objective.supremum:
-        mass = weights.sum()
-        share = weights * power(unit / size, _exponent(objective)) / jnp.where(mass > 0, mass, 1)
-        terms = share, *(share * jnp.where(seen, points[:, i], 0) for i in range(3))
+        share = weights * power(unit / size, _exponent(objective))
+        terms = share, *(share * jnp.where(seen, points[:, i], 0) for i in range(3)), weights
         made = Sums(*(jax.ops.segment_sum(term, cell, count) for term in terms))
     return Sketch(low, high, near, far, made, unit, camera.is_orthographic)
