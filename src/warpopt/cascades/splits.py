@@ -119,14 +119,14 @@ def stepped(splits: Numbers, step: float = 1.1, previous: Numbers | None = None)
     the nearest.
 
     Args:
-        splits: (..., K + 1), increasing.
+        splits: (..., K + 1), which do not fall.
         step: > 1.
         previous: what this gave for the frame before. A split stays there until it is a whole step away, the first and
             the last until they no longer cover the range, or are two steps away: one at the border between two steps
             does not move to and fro.
 
     Raises:
-        ValueError: a step that is not above 1, splits that are not positive, or as many of them before.
+        ValueError: a step that is not above 1, splits that fall or are not positive, or another number of them before.
 
     Example:
         >>> [round(float(z), 3) for z in stepped([1.05, 9.8, 100.2], 2.0)]
@@ -136,7 +136,8 @@ def stepped(splits: Numbers, step: float = 1.1, previous: Numbers | None = None)
     """
     splits, value = float_arrays(splits=splits, step=step)
     value = checked("step", value, lambda v: (v > 1) & (v < jnp.inf), "a number > 1")
-    splits = checked("splits", splits, lambda z: (z > 0) & (z < jnp.inf), "positive depths")
+    rising = "finite positive depths that do not fall"
+    splits = checked("splits", splits, lambda z: (z > 0) & (z < jnp.inf) & _not_falling(z), rising)
     if previous is None:
         return _stepped(splits, value, None)
     (before,) = float_arrays(previous=previous)

@@ -11,7 +11,7 @@ import warpopt
 
 from ..common import figure_style as style
 from ..inputs.scene_files import SceneInput
-from ..splits.looks import COLOURS, MARKERS
+from ..splits.looks import COLOURS, DASHES, MARKERS
 from ..splits.settings import BEST, STEPPED, TITLES
 from .numbers import ByNumber, Texels
 from .rows import Config, Row, objective_of
@@ -119,14 +119,16 @@ def along_figure(rows: list[Row], objective: "warpopt.Objective") -> Figure:
             depths, errors = np.asarray(row.plan.splits), np.asarray(row.plan.errors)
             (handles[row.name],) = axes.step(
                 depths, np.append(errors, errors[-1]), where="post", color=COLOURS[row.name],
-                linewidth=2.2 if row.name == "best" else 1.1, label=TITLES[row.name],
-                zorder=3 if row.name == "best" else 2,
+                linestyle=DASHES[row.name], linewidth=2.6 if row.name == "best" else 1.3, label=TITLES[row.name],
+                zorder=1 if row.name == "best" else 2,
             )  # fmt: skip
         axes.set_xscale("log")
         style.log_axis(axes, ends, label=not k)
         first, last = float(shown[0].plan.splits[0]), float(shown[0].plan.splits[-1])
         axes.set_xlim(first, last)
-        marks = [10.0**e for e in range(-3, 8) if first <= 10.0**e <= last] or [first, last]
+        marks = [10.0**e for e in range(-3, 8) if first <= 10.0**e <= last]
+        if len(marks) < 2:
+            marks = [m * 10.0**e for e in range(-4, 8) for m in (1, 2, 5) if first <= m * 10.0**e <= last] or [first]
         axes.set_xticks(marks, [f"{m:g}" for m in marks])
         axes.set_xticks([], minor=True)
         axes.grid(color="#e4e4e4", linewidth=0.6)

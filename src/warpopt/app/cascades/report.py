@@ -56,6 +56,8 @@ def spanned(values: "list[float]", digits: int = 3) -> str:
 def _best(rows: "list[Row]", mean: bool) -> str:
     """A camera's best splits, under all its lights; `mean`: by a mean, not a maximum."""
     best = [row for row in rows if row.name == "best" and row.warped == rows[0].warped]
+    if all(row.plan.solutions is not None and not (np.asarray(row.plan.errors) > 0).any() for row in best):
+        return "The camera sees no receivers, or none that a map could alias: there is nothing to split.\n"
     depths = ", ".join(spanned([float(row.plan.splits[k]) for row in best], 5) for k in range(len(best[0].plan.splits)))
     over = "mean over all receivers" if mean else "largest of the cascades'"
     words = f"The best splits are at {depths}; the error is {spanned([float(r.plan.value) for r in best], 4)} ({over}"
@@ -157,12 +159,12 @@ def _texels(texels: "list[Texels]") -> str:
     for words, warped in rows:
         values = [at.warped if warped else at.plain for at in texels]
         lines.append([words, *(spanned([float(v[k]) for v in values]) for k in range(_SHOWN))])
-    numbers = (spanned([at.best_number(warped) for at in texels]) for _, warped in rows)
-    price = texels[0].price
+    price, most = texels[0].price, len(texels[0].warped)
     cost = f"; a map costs {price:g} of those beside its own" if price else ""
-    most = len(texels[0].warped)
+    numbers = [spanned([at.best_number(warped) for at in texels]) for _, warped in rows]
+    still = f" (and {most} are not the end)" if str(most) in " ".join(numbers).split() else ""
     return (
         "Texels for one a pixel, of maps of their own aspect over logarithmic splits, over what no maps of any kind "
-        f"can better{cost}. Of up to {most} maps {next(numbers)} need least with warps, {next(numbers)} without.\n\n"
+        f"can better{cost}. Of up to {most} maps {numbers[0]} need least with warps, {numbers[1]} without{still}.\n\n"
         + markdown_table(["maps", *(str(k + 1) for k in range(_SHOWN))], lines)
     )

@@ -31,8 +31,14 @@ def screen_figure(config: SceneCascadesConfig, scene: SceneInput, rows: list[Row
 
 
 def cascade_of(seen: Seen, row: Row) -> np.ndarray:
-    """(height, width): the cascade that holds each pixel's depth; a pixel at a split is the nearer one's."""
-    return np.searchsorted(np.asarray(row.plan.splits)[1:-1], seen.depth)
+    """(height, width): the cascade that holds each pixel's depth; a pixel at a split is the nearer one's.
+
+    Of those that hold something: a split may be the nearest pixel's depth itself.
+    """
+    assert row.plan.solutions is not None  # over a scene
+    used = np.flatnonzero(~np.asarray(row.plan.solutions.footprint.empty))
+    ends = np.asarray(row.plan.splits)[1:][used]
+    return used[np.searchsorted(ends[:-1], seen.depth)]
 
 
 def errors_of(seen: Seen, row: Row, metric: str) -> np.ndarray:

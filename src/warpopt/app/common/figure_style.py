@@ -162,11 +162,11 @@ def decades(values: np.ndarray, low: float, high: float) -> tuple[float, float]:
 
 
 def log_axis(axes: Axes, limits: tuple[float, float], label: bool = True) -> None:
-    """A log y axis with few ticks: 1, 2, 5 over less than two decades, whole decades beyond, at most ten."""
+    """A log y axis with few ticks: 1, 2, 5 over less than two decades, finer over less than 0.6, whole decades beyond."""
     axes.set_yscale("log")
     axes.set_ylim(*limits)
     low, high = (math.log10(limit) for limit in limits)
-    steps = (1, 2, 5) if high - low < 2 else (1,)
+    steps = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 7) if high - low < 0.6 else (1, 2, 5) if high - low < 2 else (1,)
     every = 1 + int((high - low) / 10)
     exponents = range(math.floor(low), math.ceil(high) + 1)
     ticks = [step * 10.0**k for k in exponents if k % every == 0 for step in steps]

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..common import figure_style as style
-from ..splits.looks import COLOURS
+from ..splits.looks import COLOURS, DASHES
 from ..splits.settings import TITLES
 from .splits import SplitsCompared
 
@@ -42,8 +42,8 @@ def split_figure(splits: list[SplitsCompared]) -> Figure:
             for (name, _, own), ratio in zip(told.keys, told.ratio, strict=True):
                 if own == warped:
                     (handles[name],) = axes.plot(
-                        degrees, ratio, color=COLOURS[name], linewidth=2.0 if name == "best" else 1.2,
-                        label=TITLES[name],
+                        degrees, ratio, color=COLOURS[name], linestyle=DASHES[name],
+                        linewidth=2.6 if name == "best" else 1.3, label=TITLES[name],
                     )  # fmt: skip
             style.log_axis(axes, (0.9, 1.3 * highest), label=not column)
             axes.set_xlim(degrees[0], degrees[-1])
