@@ -403,7 +403,7 @@ def test_maps_of_a_scene_are_counted_with_what_each_holds():
     assert float(totals[7]) == pytest.approx(float(each.sum()) + 8 * 0.25, rel=1e-9)
 
 
-@pytest.mark.parametrize("shares", [None, (1.0, 0.5, 0.3)])
+@pytest.mark.parametrize("shares", [None, pytest.param((1.0, 0.5, 0.3), marks=pytest.mark.thorough)])
 def test_gradients_are_those_of_the_optimum(shares):
     """Also where splits are found by bisection; and compiled, as a part of a user's program."""
 

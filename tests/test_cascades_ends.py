@@ -50,6 +50,7 @@ def test_a_map_of_no_length_costs_nothing():
     assert np.isnan(three.matrices()[0][2]).all()
 
 
+@pytest.mark.thorough("storage")
 @pytest.mark.parametrize("goal", [Objective("p"), Objective("storage"), Objective("p", "l2")], ids=lambda g: g.title)
 def test_bands_over_few_receivers_are_those_of_exhaustive_search(goal):
     """Each map solved as a set of its own: up to its end, from the first that a band before its split lets in."""

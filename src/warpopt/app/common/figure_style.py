@@ -162,7 +162,7 @@ def decades(values: np.ndarray, low: float, high: float) -> tuple[float, float]:
 
 
 def log_axis(axes: Axes, limits: tuple[float, float], label: bool = True) -> None:
-    """A log y axis with few ticks: 1, 2, 5 over less than two decades, finer over less than 0.6, whole decades beyond."""
+    """A log y axis with few ticks: 1, 2, 5 over less than two decades, more over less than 0.6, else whole decades."""
     axes.set_yscale("log")
     axes.set_ylim(*limits)
     low, high = (math.log10(limit) for limit in limits)
