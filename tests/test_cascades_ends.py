@@ -136,3 +136,25 @@ def test_means_over_many_pixels_are_split_well(goal):
     ]
     assert float(plan.value) <= min(values) * 1.05
     assert max(values) > 1.2 * float(plan.value)
+
+
+def test_means_over_bodies_weigh_their_parts():
+    """The whole frustum's plan is that of the frustum by itself; a box's measure up to a depth, by hand."""
+    theta, goal = 1.05, Objective("p", "l2")
+    alone = FrustumView(ViewFrustum(1.0, 100.0, 0.52), theta)
+    scene = cascades.counts.in_world(alone)
+    one, other = (cascades.plan(view, 3, goal) for view in (alone, scene))
+    np.testing.assert_allclose(other.value, one.value, rtol=1e-6)
+    np.testing.assert_allclose(other.splits, one.splits, rtol=1e-2)
+    box, depths = ConvexBody.box((-1, -0.5, -9), (1, 1, -4)), np.array([3.0, 4.0, 5.0, 9.0, np.inf])
+    z = np.clip(depths, 4, 9)
+    for measure, exact in (
+        ("volume", 3 * (z - 4)),
+        ("screen", 3 * (1 / 4 - 1 / z)),
+        ("log_depth", (4**-2 - z**-2) * 1.5),
+    ):
+        made = jax.jit(lambda measure=measure: box.mass_up_to(CAMERA, Objective("p", "l2", measure))(depths))()
+        np.testing.assert_allclose(made, exact, rtol=1e-9, atol=1e-6)  # a flat body is thickened by sqrt(eps)
+    split = cascades.plan(SceneView(CAMERA, LIGHT, box), 2, goal)
+    others = [cascades.errors(SceneView(CAMERA, LIGHT, box), [4, at, 9], goal) for at in np.linspace(4.2, 8.8, 9)]
+    assert float(split.value) <= min(float(each.value) for each in others) * (1 + 1e-6)

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable
 
-import jax
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .._checks import Numbers, checked, float_arrays
 from .._numerics import unit_nodes
@@ -120,7 +120,7 @@ class DepthHistogram(Receivers):
         by_depth = ~(density * (high > low) > 0).any() | self.weights.by_depth
         density = jnp.where(by_depth, self.counts.astype(whole.dtype) / jnp.diff(whole), density)
 
-        return jax.tree_util.Partial(_up_to, density, low, high, by_depth)
+        return MassOfBins(density, low, high, by_depth)
 
     def places(self, camera: Camera) -> tuple[Float[Array, "N 3"], Float[Array, " N"]]:
         """See `Receivers`: the corners of each bin's slab, which count as its receivers do."""
@@ -163,6 +163,15 @@ class DepthHistogram(Receivers):
         return BodyProfile(slabs, Solid(planes, edges[1:-1], weights, DENSITY_EXPONENT["screen"]), camera, frame)
 
 
-def _up_to(density: Array, low: Array, high: Array, by_depth: Array, depth: Float[Array, "..."]) -> Float[Array, "..."]:
-    end = jnp.clip(depth[..., None], low, high)
-    return (density * (end - low) * jnp.where(by_depth, (end + low) / 2, 1)).sum(-1)
+class MassOfBins(eqx.Module):
+    """The sum of the weights up to a depth, of bins from `low` to `high` with as much to a length."""
+
+    density: Float[Array, " K"]
+    low: Float[Array, " K"]
+    high: Float[Array, " K"]
+    by_depth: Bool[Array, ""]
+
+    def __call__(self, depth: Float[Array, "..."]) -> Float[Array, "..."]:
+        end = jnp.clip(depth[..., None], self.low, self.high)
+        middle = jnp.where(self.by_depth, (end + self.low) / 2, 1)
+        return (self.density * (end - self.low) * middle).sum(-1)

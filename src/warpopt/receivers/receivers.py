@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import ClassVar, get_args
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -103,7 +102,7 @@ class Receivers(eqx.Module):
     def mass_up_to(self, camera: Camera, objective: Objective) -> Callable[[Float[Array, "..."]], Float[Array, "..."]]:
         """The function from eye depths to the sum of the weights of what is not farther, for means over cascades.
 
-        Called under `jax.jit`, and returned from there: a `jax.tree_util.Partial`.
+        Called under `jax.jit`, and returned from there: a pytree.
 
         Raises:
             ValueError: as `counted`.
@@ -111,7 +110,7 @@ class Receivers(eqx.Module):
         points, weights, _ = self.counted(camera, objective)
         order = jnp.argsort(points[:, 2])
         z, summed = points[order, 2], jnp.concatenate([jnp.zeros(1, weights.dtype), jnp.cumsum(weights[order])])
-        return jax.tree_util.Partial(_up_to, z, summed)
+        return MassOfPoints(z, summed)
 
     def sketch(self, camera: Camera, objective: Objective) -> "Receivers":
         """The same receivers, or fewer that stand for them, whose footprint is cheap enough for many directions.
@@ -187,5 +186,16 @@ class Receivers(eqx.Module):
             )
 
 
-def _up_to(z: Float[Array, " N"], summed: Float[Array, " N+1"], depth: Float[Array, "..."]) -> Float[Array, "..."]:
-    return summed[jnp.searchsorted(z, depth, side="right")]
+class MassOfPoints(eqx.Module):
+    """The sum of the weights of points up to a depth.
+
+    Attributes:
+        z: increasing depths.
+        summed: of the weights before each, and of all.
+    """
+
+    z: Float[Array, " N"]
+    summed: Float[Array, " N+1"]
+
+    def __call__(self, depth: Float[Array, "..."]) -> Float[Array, "..."]:
+        return self.summed[jnp.searchsorted(self.z, depth, side="right")]

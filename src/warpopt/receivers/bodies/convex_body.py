@@ -1,7 +1,10 @@
 """A convex body as receivers: the part of a scene's bounding box, or of any convex polytope, in the view frustum."""
 
 import functools
+from collections.abc import Callable
+from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -105,6 +108,10 @@ class ConvexBody(Receivers):
         earlier = jnp.tril(close & there, -1).any(1)
         return points, (there & ~earlier).astype(points.dtype)
 
+    def mass_up_to(self, camera: Camera, objective: Objective) -> Callable[[Float[Array, "..."]], Float[Array, "..."]]:
+        """See `Receivers`: the measure's integral over the part of the body up to a depth."""
+        return MassOfBody(self.with_frustum(camera), objective, camera.is_orthographic)
+
     def depth_profile(self, camera: Camera, frame: LightFrame, objective: Objective, bins: int) -> BodyProfile:
         """See `Receivers`."""
         vertices, valid, _ = map(np.asarray, _vertices(camera, self))
@@ -186,34 +193,94 @@ def moments_of_body(planes, vertices, valid, frame, footprint: Footprint, object
     # Parallel rays: errors do not depend on z, and every measure that is left is the volume.
     flat_view = frame.is_orthographic
     decay = 0 if flat_view else objective.metric.depth_power * objective.order
-    thick, vertices, valid = thickened(planes, vertices, valid)
-    z = jnp.where(valid, vertices[:, 2], jnp.nan)
-    first = jnp.where(valid.any(), jnp.nanmin(jnp.where(valid, z, jnp.inf)), 1)
-    last = jnp.where(valid.any(), jnp.nanmax(jnp.where(valid, z, -jnp.inf)), 2)
-    # Between the depths of neighbouring vertices, a slice's moments are polynomials in z. A polytope of F faces has at
-    # most 2 F - 4 vertices; the longest gaps are the true ones, the others are rounding between equal depths.
-    depths = jnp.sort(jnp.where(valid, vertices[:, 2], last)) / first
-    logs = jnp.log(depths)
-    # Without a power of z they are polynomials in z, which its own nodes integrate exactly.
-    along = depths if flat_view else logs
-    gaps, where = jax.lax.top_k(jnp.diff(along), min(2 * len(planes) - 5, len(along) - 1))
-    t, w = unit_nodes(_DEPTH_NODES, along.dtype)
-    log_z, weight_z = (along[where][:, None] + gaps[:, None] * t).ravel(), (gaps[:, None] * w).ravel()
-    if flat_view:
-        log_z, weight_z = jnp.log(log_z), weight_z / log_z
-    delta, rest, area = jax.vmap(
-        functools.partial(_slice, thick, frame, footprint, first, round(objective.blend_degree))
-    )(log_z)
-    growth = 3 - (0 if flat_view else DENSITY_EXPONENT[objective.measure])
-    area = area * (weight_z * jnp.exp(growth * log_z))[:, None]
-    weighted = area * jnp.exp(-decay * log_z)[:, None]
+    slices = _Slices.of(planes, vertices, valid, flat_view)
     M = round(objective.blend_degree)
+    points, area = slices.nodes(M)
+    depth, mu = frame.depth(points), footprint.mu
+    delta = jnp.clip((depth - footprint.start) / mu, 0, 1)
+    rest = jnp.clip((footprint.start + mu - depth) / mu, 0, 1)
+    area = area * slices.weights(objective, flat_view)[:, None]
+    weighted = area * jnp.exp(-decay * slices.log_z)[:, None]
     sums = [(weighted * rest ** (M - j) * delta**j).sum() for j in range(M + 1)]
-    return binomial_moments(sums, area.sum(), objective), jnp.ones_like(first) if flat_view else first
+    return binomial_moments(sums, area.sum(), objective), jnp.ones_like(slices.unit) if flat_view else slices.unit
 
 
-def _slice(planes, frame: LightFrame, footprint: Footprint, unit: Array, degree: int, log_z: Array):
-    """(delta, 1 - delta, area weights) at the nodes of one slice, a polygon in the plane of slopes (x/z, y/z).
+def _mass_of_body(planes: Array, objective: Objective, flat_view: bool) -> Array:
+    """The integral of the measure over the body; 0 for none."""
+    vertices, valid, _ = vertices_of(planes)
+    slices = _Slices.of(planes, vertices, valid, flat_view)
+    _, area = slices.nodes(0)
+    growth = _growth(objective, flat_view)
+    mass = (area * slices.weights(objective, flat_view)[:, None]).sum() * slices.unit**growth
+    return jnp.where(valid.any(), mass, 0)
+
+
+class MassOfBody(eqx.Module):
+    """The measure's integral over the part of a body up to a depth."""
+
+    planes: Float[Array, "K 4"]
+    objective: Objective = eqx.field(static=True)
+    flat_view: bool = eqx.field(static=True)
+
+    def __call__(self, depth: Float[Array, "..."]) -> Float[Array, "..."]:
+        def one(depth: Array) -> Array:
+            zero, unit = jnp.zeros_like(depth), jnp.ones_like(depth)
+            planes = jnp.concatenate([self.planes, jnp.stack([zero, zero, -unit, depth])[None]])
+            return _mass_of_body(planes, self.objective, self.flat_view)
+
+        # No farther than numbers go that can be squared.
+        depth = jnp.minimum(depth, _reach(self.planes.dtype)).astype(self.planes.dtype)
+        return jax.vmap(one)(depth.ravel()).reshape(depth.shape)
+
+
+def _growth(objective: Objective, flat_view: bool) -> float:
+    """The power of z in a slice's measure, of d log z."""
+    return 3 - (0 if flat_view else DENSITY_EXPONENT[objective.measure])
+
+
+class _Slices(NamedTuple):
+    """Gauss nodes in depth between the vertices of a body, where a slice's moments are polynomials in z.
+
+    Attributes:
+        planes: of the body.
+        unit: the least depth.
+        log_z, weight_z: nodes and weights, of log z over the unit.
+    """
+
+    planes: Float[Array, "K 4"]
+    unit: Float[Array, ""]
+    log_z: Float[Array, " N"]
+    weight_z: Float[Array, " N"]
+
+    @classmethod
+    def of(cls, planes: Array, vertices: Array, valid: Array, flat_view: bool) -> "_Slices":
+        """`flat_view`: without a power of z, which the nodes of z itself integrate exactly."""
+        thick, vertices, valid = thickened(planes, vertices, valid)
+        z = jnp.where(valid, vertices[:, 2], jnp.nan)
+        first = jnp.where(valid.any(), jnp.nanmin(jnp.where(valid, z, jnp.inf)), 1)
+        last = jnp.where(valid.any(), jnp.nanmax(jnp.where(valid, z, -jnp.inf)), 2)
+        # A polytope of F faces has at most 2 F - 4 vertices; the longest gaps are the true ones, the others are
+        # rounding between equal depths.
+        depths = jnp.sort(jnp.where(valid, vertices[:, 2], last)) / first
+        along = depths if flat_view else jnp.log(depths)
+        gaps, where = jax.lax.top_k(jnp.diff(along), min(2 * len(planes) - 5, len(along) - 1))
+        t, w = unit_nodes(_DEPTH_NODES, along.dtype)
+        log_z, weight_z = (along[where][:, None] + gaps[:, None] * t).ravel(), (gaps[:, None] * w).ravel()
+        if flat_view:
+            log_z, weight_z = jnp.log(log_z), weight_z / log_z
+        return cls(thick, first, log_z, weight_z)
+
+    def nodes(self, degree: int) -> tuple[Float[Array, "N M 3"], Float[Array, "N M"]]:
+        """(points in eye coordinates, area weights) of each slice, exact for polynomials of that degree."""
+        return jax.vmap(functools.partial(_slice, self.planes, self.unit, degree))(self.log_z)
+
+    def weights(self, objective: Objective, flat_view: bool) -> Float[Array, " N"]:
+        """Of each slice, in powers of the unit."""
+        return self.weight_z * jnp.exp(_growth(objective, flat_view) * self.log_z)
+
+
+def _slice(planes: Array, unit: Array, degree: int, log_z: Array) -> tuple[Array, Array]:
+    """(points, area weights) at the nodes of one slice, a polygon in the plane of slopes (x/z, y/z).
 
     Each edge is a plane's line clipped by the others; with an inner point it forms a triangle, so no order is needed.
     """
@@ -244,7 +311,4 @@ def _slice(planes, frame: LightFrame, footprint: Footprint, unit: Array, degree:
     points = centre + r[:, None, None] * (along[:, None] - centre)
     weights = (2 * area)[:, None, None] * (a * r)[:, None] * b
     points = jnp.concatenate([points, jnp.ones_like(points[..., :1])], -1) * z
-    depth = frame.depth(points)
-    mu = footprint.mu
-    delta, rest = (depth - footprint.start) / mu, (footprint.start + mu - depth) / mu
-    return jnp.clip(delta, 0, 1).ravel(), jnp.clip(rest, 0, 1).ravel(), weights.ravel()
+    return points.reshape(-1, 3), weights.ravel()

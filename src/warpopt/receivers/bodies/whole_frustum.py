@@ -1,5 +1,8 @@
 """The whole view frustum as receivers, for any camera and light."""
 
+from collections.abc import Callable
+
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -99,6 +102,11 @@ class WholeFrustum(Receivers):
         points, weights = (np.asarray(v, np.float64) for v in self.places(camera))
         return over_body(points[weights > 0], np.asarray(frame.light, np.float64), frame.is_orthographic)
 
+    def mass_up_to(self, camera: Camera, objective: Objective) -> Callable[[Float[Array, "..."]], Float[Array, "..."]]:
+        """See `Receivers`: the integral of z^(2 - m) dz, or of dz along the axis and under parallel rays."""
+        plain = camera.is_orthographic or objective.measure == "axis"
+        return MassOfFrustum(camera.near, camera.far, 1 if plain else 3 - DENSITY_EXPONENT[objective.measure])
+
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """See `Receivers`."""
         return camera.near, camera.far
@@ -117,6 +125,18 @@ class WholeFrustum(Receivers):
         solid = Solid.uniform(camera.planes(), DENSITY_EXPONENT[objective.measure])
         box = camera.corners() if camera.is_orthographic else slab(camera.corner_slopes(), camera.near, camera.far)
         return BodyProfile([np.asarray(box, np.float64)], solid, camera, frame)
+
+
+class MassOfFrustum(eqx.Module):
+    """The integral of z^(h - 1) dz from the near plane to a depth."""
+
+    near: Float[Array, ""]
+    far: Float[Array, ""]
+    h: float = eqx.field(static=True)
+
+    def __call__(self, depth: Float[Array, "..."]) -> Float[Array, "..."]:
+        length = jnp.log(jnp.clip(depth, self.near, self.far) / self.near)
+        return length if self.h == 0 else self.near**self.h * jnp.expm1(self.h * length) / self.h
 
 
 def _box(camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
