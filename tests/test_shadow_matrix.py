@@ -254,3 +254,17 @@ def test_errors_are_what_the_matrix_does_to_pixels_and_texels(eta):
             ("q", np.linalg.norm(row) / abs(moved[0] @ x_axis)), ("p", height / abs(moved[1] @ z_axis)),
         ):  # fmt: skip
             assert float(solution.aliasing_error(eye, metric, eta)) == pytest.approx(exact, rel=1e-11), metric
+
+
+def test_padding_leaves_its_share_of_the_map_free():
+    """At each edge: t and s of the unpadded map go to pad + (1 - 2 pad) of them; the depth stays."""
+    camera, light, to_world = posed(0.8)
+    points = to_world(eye_points(1))
+    view = SceneView(camera, light)
+    warp = optimal_warp(view)
+    plain, padded = (
+        np.stack(through(shadow_matrix(view, warp, padding=padding), points, ClipSpace())[:3])
+        for padding in ((0.0, 0.0), (0.05, 0.2))
+    )
+    pads = np.array([0.05, 0.2, 0.0])[:, None]
+    np.testing.assert_allclose(padded, pads + (1 - 2 * pads) * plain, atol=1e-12)

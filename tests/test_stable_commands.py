@@ -94,10 +94,11 @@ def test_a_gltf_camera_follows_its_animation(folder):
         np.testing.assert_allclose(camera.rotation[2], [-np.sin(angle), 0, -np.cos(angle)], atol=1e-6)
     path = animated("STEP", {"translation": [[0, 0, 0], [4, 0, 0]]})
     assert [camera.position[0] for camera in read_gltf_path(path, 0, 0, 2.0)] == [0, 0, 4]
-    # Tangents of a parabola, 4 t^2: a spline has it exactly.
-    path = animated("CUBICSPLINE", {"translation": [[0, 0, 0], [0, 0, 0], [0, 0, 0], [8, 0, 0], [4, 0, 0], [0, 0, 0]]})
+    # Tangents of a parabola, t^2 over two seconds: a spline has it exactly.
+    spline = [[0, 0, 0], [0, 0, 0], [0, 0, 0], [4, 0, 0], [4, 0, 0], [0, 0, 0]]
+    path = animated("CUBICSPLINE", {"translation": spline}, (0.0, 2.0))
     places = [camera.position[0] for camera in read_gltf_path(path, 0, 0, 4.0)]
-    np.testing.assert_allclose(places, 4 * (np.arange(5) / 4) ** 2, atol=1e-6)
+    np.testing.assert_allclose(places, (np.arange(9) / 4) ** 2, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -56,6 +56,16 @@ def test_a_warp_is_used_as_soon_as_its_error_is_less():
     assert float(solution.warp.eta) < 1
 
 
+def test_a_warp_along_other_axes_is_none_of_the_choices():
+    """It would be better along the screen's columns than along the view; without a warp these are worse."""
+    solution = optimal_warp(view_of(0.6, 1.2))
+    columns = SceneView(CAMERA, view_of(0.6, 1.2).light, warp_direction=(0, -1, 0))
+    along = optimal_warp(columns)
+    assert float(along.value) < 0.8 * float(solution.value) < float(along.unwarped)
+    assert float(solution.value) <= float(solution.unturned) * (1 + 1e-12)
+    assert float(solution.warp.eta) < 1
+
+
 def test_the_frame_before_breaks_ties():
     """A square screen: rows and columns are as good; what was is kept, and derivatives are finite."""
     camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), 1.0, 100.0, np.pi / 6)
