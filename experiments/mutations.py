@@ -334,8 +334,8 @@ MUTATIONS = (
              "closed_forms"),
     Mutation("cascades/chain.py", "np.stack(np.triu_indices(count), 1)", "np.stack(np.triu_indices(count, 2), 1)",
              "cascades", "exhaustive or means"),
-    Mutation("cascades/chain.py", "best[..., :, None] + weights[k] * table", "best[..., :, None] + table", "cascades",
-             "means or shares"),
+    Mutation("cascades/chain.py", "best[..., :, None] + weights[k] * table", "best[..., :, None] + table",
+             "cascades_ends", "coarser"),
     Mutation("cascades/chain.py", "np.linspace(-1, 1, FINER)", "np.linspace(0, 1, FINER)", "cascades", "means"),
     Mutation("cascades/over_scene.py", "mass(b) - jnp.where(a <= ends[0], 0, mass(a))", "mass(b) - mass(a)",
              "cascades", "exhaustive"),
@@ -362,6 +362,9 @@ MUTATIONS = (
 EQUIVALENT = {
     ("receivers/polytope.py", "tolerance = 0 * eps * reach"): (
         "a corner ends several edges, and rounding spares one of them in every pose tried (squares, lines, points)"
+    ),
+    ("render/map_depth.py", "jnp.where(True, (end"): (
+        "a group without receivers is at delta = 0 with the least l . c, and a receiver at delta = 0 has no less"
     ),
     ("solve/pieces.py", "met = met & (slopes[0] <= 0)"): (
         "the root finder ends where the slope turns positive, so that the piece above rises"

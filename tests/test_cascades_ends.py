@@ -110,6 +110,18 @@ def test_one_map_is_the_optimal_warp_for_means_too():
         assert float(found.value) == pytest.approx(float(warpopt.optimal_warp(view, goal).value), rel=1e-12)
 
 
+def test_means_give_a_coarser_map_less():
+    """Over a frustum and over few receivers: no split of a scan is better, and the split moves."""
+    frustum, goal = FrustumView(ViewFrustum(1.0, 100.0, 0.52), 1.05), Objective("p", "l2")
+    points = view_of([(s * z / 3, -z / 5, -z) for z in np.geomspace(1, 100, 12) for s in (-1, 1)])
+    for view in (frustum, points):
+        even, coarse = (cascades.plan(view, 2, goal, shares=shares) for shares in (None, (1, 0.2)))
+        scan = np.geomspace(1.05, 99, 25)
+        values = [float(cascades.errors(view, [1, at, 100], goal, shares=(1, 0.2)).value) for at in scan]
+        assert float(coarse.value) <= min(values) * (1 + 1e-9)
+        assert float(coarse.splits[1]) > 1.2 * float(even.splits[1])
+
+
 def test_means_over_frusta_beyond_their_numbers():
     """Pieces that have numbers make the plan; a piece that has none is an error."""
     deep, goal = FrustumView(ViewFrustum(1.0, 1e15, 0.52), 1.05), Objective("p", "l2")
