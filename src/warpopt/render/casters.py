@@ -179,7 +179,9 @@ def _of_triangles(triangles: Float[Array, "T 3 3"], camera: Camera, prism: Prism
     heights = jnp.where(large, jnp.where(jnp.isfinite(heights), heights, -jnp.inf), jnp.inf)
     whole = Nearest(jnp.zeros_like(heights), jnp.ones_like(heights), heights)
     corners = jnp.where(real[:, None, None], corners, 0)
-    inside = prism.offsets - corners[..., ::2] @ prism.normals.T  # (T, 3, K), >= 0 inside
+    # Up to rounding: a caster over the outermost receiver is over a corner of the base.
+    slack = 16 * jnp.finfo(own.dtype).eps * (jnp.abs(corners).max((1, 2)) + jnp.abs(prism.origin / prism.lengths).max())
+    inside = prism.offsets - corners[..., ::2] @ prism.normals.T + slack[:, None, None]  # (T, 3, K), >= 0 inside
     # Edges, clipped by each side: t from their first to their second end.
     first, second = inside, jnp.roll(inside, -1, 1)
     change = second - first
