@@ -74,7 +74,7 @@ MUTATIONS = (
     Mutation("receivers/bins.py", "_FINEST = 1e-4", "_FINEST = 1e-1", "receivers", "bins_are"),
     Mutation("receivers/bins.py", "for side in (largest - axis, axis - least)",
              "for side in (axis - least, largest - axis)", "receivers", "exact or boundary or buffer"),
-    Mutation("receivers/bodies/convex_body.py", "growth = 3 - (0 if", "growth = 2 - (0 if",
+    Mutation("receivers/bodies/convex_body.py", "return 3 - (0 if", "return 2 - (0 if",
              "receivers", "exact or holds"),
     Mutation("solve/scene.py", "values = every.unwarped.at[0].set(every.value[0])", "values = every.value",
              "steady_axes"),

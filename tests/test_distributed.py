@@ -103,7 +103,9 @@ def test_two_processes_resume_after_one_died_to_the_same_bits_as_one(folder, exp
             time.sleep(0.005)
         os.kill(victim, signal.SIGKILL)
         killed = time.monotonic()
-        more, words = process.communicate(timeout=120)
+        # Not `communicate`, which does not have the lines that iterating has read ahead.
+        more, words = process.stdout.read(), process.stderr.read()
+        process.wait(timeout=120)
     finally:
         process.kill()
     assert process.returncode == 1
