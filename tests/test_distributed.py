@@ -108,6 +108,8 @@ def test_two_processes_resume_after_one_died_to_the_same_bits_as_one(folder, exp
         process.wait(timeout=120)
     finally:
         process.kill()
+        process.stdout.close()
+        process.stderr.close()
     assert process.returncode == 1
     assert "0" in begun or re.search(r"^process 0: pid \d+, 1 of 2 devices, 100 blocks to compute, 0 kept", more, re.M)
     assert f"process 1 (pid {victim}) was killed by signal 9 (SIGKILL)" in words
