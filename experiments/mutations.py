@@ -337,7 +337,7 @@ MUTATIONS = (
     Mutation("cascades/chain.py", "best[..., :, None] + weights[k] * table", "best[..., :, None] + table",
              "cascades_ends", "coarser"),
     Mutation("cascades/chain.py", "np.linspace(-1, 1, FINER)", "np.linspace(0, 1, FINER)", "cascades", "means"),
-    Mutation("cascades/over_scene.py", "mass(b) - jnp.where(a <= ends[0], 0, mass(a))", "mass(b) - mass(a)",
+    Mutation("cascades/over_scene.py", "np.where(at <= at[0], 0, weight)", "weight",
              "cascades", "exhaustive"),
     Mutation("cascades/over_frustum.py", "jnp.where(target > least, high, 0)", "high", "cascades", "shares"),
     Mutation("cascades/over_frustum.py", "target = level[..., None] + log_scale", "target = level[..., None]",

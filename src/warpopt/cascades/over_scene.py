@@ -27,6 +27,7 @@ from .splits import even_in_the_logarithm
 
 _STEPS = 60  # of the search for the common error: bisection shrinks its interval to rounding
 _FEW = 64  # depths that means are split at: 2,016 cascades between them
+_OF_BODY = 24  # of a body and a histogram, whose means are smooth, and take longer
 _ZOOMS = 4  # then finer ones about each split: the last steps are a 16,000th of the range's logarithm
 _TOGETHER = 256  # cascades in one call
 _CELLS, _BODY = (
@@ -272,18 +273,22 @@ def _least_sum(
     about each split."""
 
     def chain(depths: Array, pairs: np.ndarray) -> Array:
-        at, costs = np.asarray(depths)[pairs], []
-        for part in np.split(at, range(_TOGETHER, len(at), _TOGETHER)):  # as many in each call: one program
-            a, b = np.pad(part, ((0, _TOGETHER - len(part)), (0, 0)), mode="edge").T
-            costs.append(np.asarray(_costs(view, mass, ends, a, b, overlap, objective, warp))[: len(part)])
+        at, weight = np.asarray(depths), np.asarray(_mass_at(mass, depths))
+        before = np.where(at <= at[0], 0, weight)  # the first cascade holds the receivers at its very beginning
+        (a, b), costs = pairs.T, []
+        rows = np.stack([at[a], at[b], weight[b] - before[a]], 1)
+        for part in np.split(rows, range(_TOGETHER, len(rows), _TOGETHER)):  # as many in each call: one program
+            a, b, share = np.pad(part, ((0, _TOGETHER - len(part)), (0, 0)), mode="edge").T
+            costs.append(np.asarray(_costs(view, ends, a, b, share, overlap, objective, warp))[: len(part)])
         return best_chain(depths, pairs, np.concatenate(costs), scale**-objective.order)
 
     depths = _between_all(view, ends, _FEW, not overlap)
     if depths is not None:
         found = chain(depths, all_pairs(len(depths)))
     else:
-        found = chain(even_in_the_logarithm(ends[0], ends[1], np.linspace(0, 1, _FEW)), all_pairs(_FEW))
-        step = jnp.log(ends[1] / ends[0]) / (_FEW - 1)
+        count = _FEW if view.receivers.of_cells else _OF_BODY
+        found = chain(even_in_the_logarithm(ends[0], ends[1], np.linspace(0, 1, count)), all_pairs(count))
+        step = jnp.log(ends[1] / ends[0]) / (count - 1)
         for _ in range(_ZOOMS):
             found = chain(depths_about(found, ends[0], ends[1], step), pairs_about(len(scale) - 1))
             step = 2 * step / (FINER - 1)
@@ -292,10 +297,13 @@ def _least_sum(
 
 @functools.partial(jax.jit, static_argnames=("objective", "warp"))
 def _costs(
-    view: SceneView, mass: Mass, ends: Array, a: Array, b: Array, overlap: Array | float, objective: Objective,
+    view: SceneView, ends: Array, a: Array, b: Array, shares: Array, overlap: Array | float, objective: Objective,
     warp: bool,
 ) -> Array:  # fmt: skip
-    """What cascades between two depths add to the sum of E^P over all receivers; inf for a negative length."""
+    """What cascades between two depths add to the sum of E^P over all receivers; inf for a negative length.
+
+    `shares`: of all weights, between the two depths.
+    """
 
     def one(part: tuple[Array, Array, Array]) -> Array:
         a, b, share = part
@@ -303,8 +311,12 @@ def _costs(
         value = _error(view, start, jnp.maximum(b, start * (1 + 1e-6)), objective, warp)
         return jnp.where(b > a, share * value**objective.order, jnp.where(b == a, 0, jnp.inf))
 
-    shares = mass(b) - jnp.where(a <= ends[0], 0, mass(a))
     return jax.lax.map(one, (a, b, shares), batch_size=64)
+
+
+@jax.jit
+def _mass_at(mass: Mass, depths: Array) -> Array:
+    return mass(depths)
 
 
 @functools.partial(jax.jit, static_argnames=("objective",))
