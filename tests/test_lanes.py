@@ -97,3 +97,15 @@ def test_a_lower_bound_is_below_and_a_table_keeps_its_promise():
         table = warpopt.build_table(frustum, max_regret=1e-2)
         regret = warpopt.error_norm(view, table.warp(frustum, view.theta)) / best.value - 1
         assert float(regret.max()) <= 1e-2
+
+
+def test_cascades():
+    """Over a frustum with bands and unequal shares, and over points for a maximum and for a mean, with matrices."""
+    view = FrustumView(ViewFrustum(NEAR, FAR, HALF_FOV), 1.0)
+    plan = warpopt.cascades.plan(view, 3, overlap=0.2, shares=(1, 0.5, 0.5))
+    np.testing.assert_allclose(plan.errors, np.full(3, plan.value), rtol=1e3 * EPS)
+    seen = SceneView(CAMERA, LIGHT, PointReceivers(points(12)))
+    for goal in (Objective("p"), Objective("p", "l2")):
+        made = warpopt.cascades.plan(seen, 2, goal)
+        assert made.value.dtype == DTYPE
+        assert np.isfinite(made.matrices(casters=points(12))[0]).all()

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .._checks import Numbers, checked, float_arrays
 from ..objective import Objective
@@ -70,9 +70,9 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
 
 
 @jax.jit
-def _totals(needed: list[Array], times: np.ndarray | int, of: np.ndarray, price: Array) -> Array:
+def _totals(needed: list[Array], times: ArrayLike, of: ArrayLike, price: Array) -> Array:
     """Each number's maps together, and their price."""
-    together = jax.ops.segment_sum(jnp.concatenate(needed), of - 1, MOST)
+    together = jax.ops.segment_sum(jnp.concatenate(needed), jnp.asarray(of) - 1, MOST)
     return jnp.asarray(times) * together + price * jnp.arange(1, MOST + 1)
 
 

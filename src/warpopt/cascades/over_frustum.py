@@ -92,7 +92,7 @@ def masses(starts: Array, ends: Array, near: Array, far: Array, objective: Objec
 
 def splits_of_shares(
     view: FrustumView, objective: Objective, shares: np.ndarray, overlap: float, warp: bool
-) -> Float[Array, "... K+1"]:
+) -> Float[Array, "... K1"]:
     """Maps of unequal resolution in L-inf: all errors over shares equal, or a cascade unused (theory2 section 1, (c)).
 
     The root of "all lengths the whole" in the common error, and in each share that of "this error" in the length: both
@@ -181,7 +181,7 @@ class _Lengths:
 
 def splits_of_means(
     view: FrustumView, objective: Objective, shares: np.ndarray, overlap: float, warp: bool
-) -> Float[Array, "... K+1"]:
+) -> Float[Array, "... K1"]:
     """The least L_P norm: the sum over cascades of the mean of E^P times the measure, by a dynamic programme.
 
     Over a grid of depths that is even in log z the best chain of cascades is found, then again over finer grids about

@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, ArrayLike, Float, Int
 
 from ..objective import Objective
 from ..receivers.one_by_one import OneByOne
@@ -160,7 +160,7 @@ class _Levels(NamedTuple):
 
 @functools.partial(jax.jit, static_argnames=("objective", "warp", "apart"))
 def _equalised(
-    view: SceneView, ends: Array, scale: Array, overlap: float, objective: Objective, warp: bool, apart: bool
+    view: SceneView, ends: Array, scale: Array, overlap: ArrayLike, objective: Objective, warp: bool, apart: bool
 ) -> Array:
     """L-inf: all cascades but the last as long as a common level allows, and the level at which the last one has it.
 
@@ -297,7 +297,7 @@ def _least_sum(
 
 @functools.partial(jax.jit, static_argnames=("objective", "warp"))
 def _costs(
-    view: SceneView, ends: Array, a: Array, b: Array, shares: Array, overlap: Array | float, objective: Objective,
+    view: SceneView, ends: Array, a: Array, b: Array, shares: Array, overlap: ArrayLike, objective: Objective,
     warp: bool,
 ) -> Array:  # fmt: skip
     """What cascades between two depths add to the sum of E^P over all receivers; inf for a negative length.

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from .._checks import Numbers, checked, float_arrays, is_traced
 from .._words import flag, one_of, whole_number
@@ -50,7 +50,7 @@ class Plan(eqx.Module):
         ([1.0, 10.0, 100.0, 1000.0, 10000.0], True)
     """
 
-    splits: Float[Array, "... K+1"]
+    splits: Float[Array, "... K1"]
     starts: Float[Array, "... K"]
     warps: Warp
     errors: Float[Array, "... K"]
@@ -99,7 +99,7 @@ class Plan(eqx.Module):
 
 
 @jax.jit
-def _one(stacked: PyTree, k: int) -> PyTree:
+def _one(stacked: PyTree, k: ArrayLike) -> PyTree:
     """One cascade's part."""
     return jax.tree.map(lambda v: v[k], stacked)
 
@@ -257,7 +257,7 @@ def _pieces(splits: Array, band: Array | float) -> tuple[Array, Array]:
 
 @functools.partial(jax.jit, static_argnames=("warp",))
 def _held(
-    solutions: SceneSolution, splits: Array, mass: Array | None, shares: np.ndarray, warp: bool
+    solutions: SceneSolution, splits: Array, mass: Array | None, shares: ArrayLike, warp: bool
 ) -> tuple[Array, Array | None, Array]:
     """(each cascade's error, its part of all weights, whether it holds nothing).
 
@@ -265,7 +265,7 @@ def _held(
     depth, they are the finest map's.
     """
     one = splits[0] == splits[-1]
-    finest = jnp.arange(len(shares)) == np.argmax(shares)
+    finest = jnp.arange(len(splits) - 1) == jnp.argmax(jnp.asarray(shares))
     held = jnp.where(one, finest, splits[1:] > splits[:-1])
     each = jnp.where(held, solutions.value if warp else solutions.unwarped, 0)
     if mass is not None:
@@ -305,7 +305,7 @@ def _assembled(splits, starts, warps, each, objective, shares, mass, why, views,
 
 @functools.partial(jax.jit, static_argnames=("power",))
 def _rated(
-    each: Array, scale: np.ndarray, mass: Array | None, power: float | None
+    each: Array, scale: ArrayLike, mass: Array | None, power: float | None
 ) -> tuple[Array, Array, Array, Array, Array]:
     """(errors over shares, the value, the least error of the cascades that hold something, how many those are, how many
     errors are NaN)."""

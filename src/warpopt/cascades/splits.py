@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .._checks import Numbers, checked, float_arrays
 from .._words import whole_number
@@ -15,7 +15,7 @@ MOST = 16
 """The largest number of cascades."""
 
 
-def uniform(near: Numbers, far: Numbers, count: int) -> Float[Array, "... K+1"]:
+def uniform(near: Numbers, far: Numbers, count: int) -> Float[Array, "... K1"]:
     """Equal lengths.
 
     Args:
@@ -42,7 +42,7 @@ def uniform_at(near: Float[Array, "..."], far: Float[Array, "..."], shares: Numb
     return jnp.where(shares == 1, far, near + (far - near) * shares)  # its very end, without rounding
 
 
-def logarithmic(near: Numbers, far: Numbers, count: int) -> Float[Array, "... K+1"]:
+def logarithmic(near: Numbers, far: Numbers, count: int) -> Float[Array, "... K1"]:
     """Equal ratios: optimal over a whole frustum in L-inf, for every light, metric and warp (theory2's Theorem 3).
 
     Args and raises as `uniform`.
@@ -67,7 +67,7 @@ def _along(near: Array, far: Array, shares: Numbers) -> tuple[Array, Array, Arra
     return near[..., None], far[..., None], jnp.asarray(shares, near.dtype)
 
 
-def practical(near: Numbers, far: Numbers, count: int, weight: float = 0.5) -> Float[Array, "... K+1"]:
+def practical(near: Numbers, far: Numbers, count: int, weight: float = 0.5) -> Float[Array, "... K1"]:
     """`weight` times the logarithmic split plus the rest of the uniform one (Zhang and others 2006).
 
     Args and raises as `uniform`; weight in [0, 1].
@@ -82,11 +82,11 @@ def practical(near: Numbers, far: Numbers, count: int, weight: float = 0.5) -> F
 
 
 @jax.jit
-def _practical(near: Array, far: Array, shares: np.ndarray, weight: Array) -> Array:
+def _practical(near: Array, far: Array, shares: ArrayLike, weight: ArrayLike) -> Array:
     return weight * even_in_the_logarithm(near, far, shares) + (1 - weight) * uniform_at(near, far, shares)
 
 
-def fractions(near: Numbers, far: Numbers, shares: Sequence[float]) -> Float[Array, "... K+1"]:
+def fractions(near: Numbers, far: Numbers, shares: Sequence[float]) -> Float[Array, "... K1"]:
     """Fractions of the far distance, from the eye, where cascades end; the last one ends at far.
 
     Args:
@@ -114,7 +114,7 @@ def _of_far(near: Array, far: Array, shares: Array) -> Array:
     return jnp.concatenate([near, far * shares, far], -1)
 
 
-def stepped(splits: Numbers, step: float = 1.1, previous: Numbers | None = None) -> Float[Array, "... K+1"]:
+def stepped(splits: Numbers, step: float = 1.1, previous: Numbers | None = None) -> Float[Array, "... K1"]:
     """Splits at powers of `step`, so that they move seldom, and by whole steps: the first down, the last up, others to
     the nearest.
 
@@ -161,7 +161,7 @@ def _stepped(splits: Array, step: Array, previous: Array | None) -> Array:
     return step**whole
 
 
-def checked_splits(splits: Numbers, one: bool) -> Float[Array, "... K+1"]:
+def checked_splits(splits: Numbers, one: bool) -> Float[Array, "... K1"]:
     """The depths of any split; `one`: of a single chain, for a scene.
 
     Raises:
@@ -177,7 +177,7 @@ def checked_splits(splits: Numbers, one: bool) -> Float[Array, "... K+1"]:
     )
 
 
-def godot(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K+1"]:
+def godot(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K1"]:
     """Godot 4's defaults: 0.1, 0.2 and 0.5 of the way from near to far, with two cascades 0.1.
 
     `directional_shadow_split_1` to `_3` and their values: scene/3d/light_3d.cpp at commit 8ea4ec9531e3; that they are
@@ -193,7 +193,7 @@ def godot(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K+1"
     return _on_the_way(near, far, _menu("godot", count, {1: (), 2: (0.1,), 4: (0.1, 0.2, 0.5)}))
 
 
-def unity(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K+1"]:
+def unity(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K1"]:
     """Unity's universal pipeline: 0.067, 0.2 and 0.467 of the shadow distance; with three 0.1 and 0.3, with two 0.25.
 
     Values: Packages/com.unity.render-pipelines.universal/Runtime/Data/UniversalRenderPipelineAsset.cs at commit
@@ -210,7 +210,7 @@ def unity(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K+1"
     return fractions(near, far, _menu("unity", count, menu))
 
 
-def unreal(near: Numbers, far: Numbers, count: int = 3, exponent: float = 3.0) -> Float[Array, "... K+1"]:
+def unreal(near: Numbers, far: Numbers, count: int = 3, exponent: float = 3.0) -> Float[Array, "... K1"]:
     """Unreal's distribution exponent: lengths in geometric progression, each `exponent` times the one before.
 
     By repute: the source is not public, and the documentation (page UDirectionalLightComponent, member
@@ -235,7 +235,7 @@ def _geometric(near: Array, far: Array, exponent: Array, count: int) -> Array:
     return uniform_at(near, far, jnp.concatenate([jnp.zeros_like(ends[:1]), ends[:-1], jnp.ones_like(ends[:1])]))
 
 
-def bevy(near: Numbers, far: Numbers, count: int = 4, first: float = 10.0) -> Float[Array, "... K+1"]:
+def bevy(near: Numbers, far: Numbers, count: int = 4, first: float = 10.0) -> Float[Array, "... K1"]:
     """Bevy's: the first cascade ends at `first`, equal ratios beyond.
 
     crates/bevy_light/src/cascade.rs at commit 0876f40af54b. Its cascades overlap by a fifth of their near distance by
@@ -259,11 +259,11 @@ def bevy(near: Numbers, far: Numbers, count: int = 4, first: float = 10.0) -> Fl
 
 
 @jax.jit
-def _from_first(near: Array, first: Array, far: Array, shares: np.ndarray) -> Array:
+def _from_first(near: Array, first: Array, far: Array, shares: ArrayLike) -> Array:
     return jnp.concatenate([near[..., None], even_in_the_logarithm(first, far, shares)], -1)
 
 
-def three(near: Numbers, far: Numbers, count: int = 3) -> Float[Array, "... K+1"]:
+def three(near: Numbers, far: Numbers, count: int = 3) -> Float[Array, "... K1"]:
     """three.js's CSM: the practical split z with 0.5, each map cut at z / far of the way from near to far.
 
     z and its division by far (`maxFar`, if that is nearer): examples/jsm/csm/CSM.js at commit 014d454ba21d; where maps
@@ -280,12 +280,12 @@ def three(near: Numbers, far: Numbers, count: int = 3) -> Float[Array, "... K+1"
 
 
 @jax.jit
-def _cut_on_the_way(near: Array, far: Array, shares: np.ndarray) -> Array:
+def _cut_on_the_way(near: Array, far: Array, shares: ArrayLike) -> Array:
     z = _practical(near, far, shares, 0.5)
     return z.at[..., 1:-1].add(near[..., None] * (1 - z[..., 1:-1] / far[..., None]))
 
 
-def filament(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K+1"]:
+def filament(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K1"]:
     """Filament's `cascadeSplitPositions`: 1/8, 1/4 and 1/2 of the way from near to far; with fewer the first of them.
 
     Values: LightManager.java of filament-android at commit c35a60808c9b (quarters before pull request 6130); what they

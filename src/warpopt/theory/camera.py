@@ -4,7 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .._checks import Numbers, assembled, checked, float_arrays, points_of
 from .._words import one_of, shown
@@ -328,7 +328,7 @@ def _sine_between(forward: Array, up: Array) -> Array:
 
 
 @jax.jit
-def _rows(forward: Array, up: Array, size: Array, side: int) -> Array:
+def _rows(forward: Array, up: Array, size: Array, side: ArrayLike) -> Array:
     right = side * jnp.cross(forward, up) / size
     return jnp.stack([right, side * jnp.cross(right, forward), forward])
 
