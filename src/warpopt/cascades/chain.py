@@ -5,14 +5,35 @@ about each split, and the pairs of neighbours' alone.
 """
 
 import itertools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-FINER = 9
-"""Depths about a split: from the one before it to the one after."""
+from .splits import even_in_the_logarithm
+
+_FINER = 9  # depths about a split: from the one before it to the one after
+
+
+def refined(
+    chain: Callable[[Array, np.ndarray], Array], near: Float[Array, "..."], far: Float[Array, "..."], splits: int,
+    count: int, zooms: int,
+) -> Float[Array, "... C"]:  # fmt: skip
+    """The best chain among so many depths that are even in the logarithm, then among finer ones about each split.
+
+    Args:
+        chain: the best one, given depths and the pairs of their numbers where a cascade may begin and end.
+        splits: cascades less one.
+        zooms: by a factor of four each.
+    """
+    found = chain(even_in_the_logarithm(near, far, np.linspace(0, 1, count)), all_pairs(count))
+    step = jnp.log(far / near) / (count - 1)
+    for _ in range(zooms):
+        found = chain(_depths_about(found, near, far, step), _pairs_about(splits))
+        step = 2 * step / (_FINER - 1)
+    return found
 
 
 def all_pairs(count: int) -> Int[np.ndarray, "M 2"]:
@@ -20,19 +41,19 @@ def all_pairs(count: int) -> Int[np.ndarray, "M 2"]:
     return np.stack(np.triu_indices(count), 1)
 
 
-def pairs_about(splits: int) -> Int[np.ndarray, "M 2"]:
-    """Numbers among `depths_about` of those of one split and of the next, and of the ends."""
-    groups = [np.zeros(1, int), *np.split(np.arange(1, splits * FINER + 1), splits), np.full(1, splits * FINER + 1)]
+def _pairs_about(splits: int) -> Int[np.ndarray, "M 2"]:
+    """Numbers among `_depths_about` of those of one split and of the next, and of the ends."""
+    groups = [np.zeros(1, int), *np.split(np.arange(1, splits * _FINER + 1), splits), np.full(1, splits * _FINER + 1)]
     return np.concatenate([np.stack(np.meshgrid(*two), -1).reshape(-1, 2) for two in itertools.pairwise(groups)])
 
 
 @jax.jit
-def depths_about(
+def _depths_about(
     found: Float[Array, "... C"], near: Float[Array, "..."], far: Float[Array, "..."], step: Float[Array, "..."]
 ) -> Float[Array, "... N"]:
-    """`FINER` depths about each split, within a step in the logarithm, between the ends."""
+    """`_FINER` depths about each split, within a step in the logarithm, between the ends."""
     ends = near[..., None], far[..., None]
-    about = found[..., None] * jnp.exp(step[..., None, None] * np.linspace(-1, 1, FINER))
+    about = found[..., None] * jnp.exp(step[..., None, None] * np.linspace(-1, 1, _FINER))
     about = jnp.clip(about.reshape(*found.shape[:-1], -1), *ends)
     return jnp.concatenate([ends[0], about, ends[1]], -1).astype(found.dtype)
 

@@ -10,15 +10,15 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from .._checks import assembled
-from ..objective import DENSITY_EXPONENT, Objective
+from ..objective import Objective
+from ..receivers.bodies.whole_frustum import mass_between
 from ..solve.bracketed_newton import increasing_root
 from ..solve.chunks import in_blocks
 from ..solve.frusta import Method, norms_over_frusta, solve_frusta
 from ..theory.view_frustum import ViewFrustum
 from ..theory.warp import Warp
 from ..views import FrustumView
-from .chain import FINER, all_pairs, best_chain, depths_about, pairs_about
-from .splits import even_in_the_logarithm
+from .chain import best_chain, refined
 
 _GRID, _ZOOMS = 96, 13  # depths tried at first, even in the logarithm; then finer ones about each split
 
@@ -81,13 +81,8 @@ def _in_proportion(starts: Array, each: Array, warps: Warp) -> tuple[Array, Warp
 @functools.partial(jax.jit, static_argnames=("objective",))
 def masses(starts: Array, ends: Array, near: Array, far: Array, objective: Objective) -> Float[Array, "... K"]:
     """Each piece's part of the measure over the whole frustum: of z^(2 - m) dz, or dz on the axis."""
-    h = 1.0 if objective.measure == "axis" else 3 - DENSITY_EXPONENT[objective.measure]
-
-    def integral(a: Array, b: Array) -> Array:
-        length = jnp.log(b / a)
-        return length if h == 0 else a**h * jnp.expm1(h * length) / h
-
-    return integral(starts, ends) / integral(near, far)[..., None]
+    growth = 1 - objective.volume_exponent
+    return mass_between(starts, ends, growth) / mass_between(near, far, growth)[..., None]
 
 
 def splits_of_shares(
@@ -193,11 +188,7 @@ def splits_of_means(
     def chain(depths: Array, pairs: np.ndarray) -> Array:
         return best_chain(depths, pairs, _costs(view, depths, pairs, overlap, objective, warp), weights)
 
-    found = chain(even_in_the_logarithm(near, far, np.linspace(0, 1, _GRID)), all_pairs(_GRID))
-    step = jnp.log(far / near) / (_GRID - 1)
-    for _ in range(_ZOOMS):
-        found = chain(depths_about(found, near, far, step), pairs_about(len(shares) - 1))
-        step = 2 * step / (FINER - 1)
+    found = refined(chain, near, far, len(shares) - 1, _GRID, _ZOOMS)
     return jnp.concatenate([near[..., None], found, far[..., None]], -1)
 
 

@@ -22,7 +22,7 @@ from ..receivers.weighted.cells import EXACT
 from ..solve.scene import settled_scene, solve_scene
 from ..solve.solution import SceneSolution
 from ..views import SceneView, one_light
-from .chain import FINER, all_pairs, best_chain, depths_about, pairs_about
+from .chain import all_pairs, best_chain, refined
 from .splits import even_in_the_logarithm
 
 _STEPS = 60  # of the search for the common error: bisection shrinks its interval to rounding
@@ -287,11 +287,7 @@ def _least_sum(
         found = chain(depths, all_pairs(len(depths)))
     else:
         count = _FEW if view.receivers.of_cells else _OF_BODY
-        found = chain(even_in_the_logarithm(ends[0], ends[1], np.linspace(0, 1, count)), all_pairs(count))
-        step = jnp.log(ends[1] / ends[0]) / (count - 1)
-        for _ in range(_ZOOMS):
-            found = chain(depths_about(found, ends[0], ends[1], step), pairs_about(len(scale) - 1))
-            step = 2 * step / (FINER - 1)
+        found = refined(chain, ends[0], ends[1], len(scale) - 1, count, _ZOOMS)
     return jnp.concatenate([ends[:1], found, ends[1:]])
 
 

@@ -162,7 +162,8 @@ def _texels(texels: "list[Texels]") -> str:
     price, most = texels[0].price, len(texels[0].warped)
     cost = f"; a map costs {price:g} of those beside its own" if price else ""
     numbers = [spanned([at.best_number(warped) for at in texels]) for _, warped in rows]
-    still = f" (and {most} are not the end)" if str(most) in " ".join(numbers).split() else ""
+    capped = any(at.best_number(warped) == most for at in texels for _, warped in rows)
+    still = f" (and {most} are not the end)" if capped else ""
     return (
         "Texels for one a pixel, of maps of their own aspect over logarithmic splits, over what no maps of any kind "
         f"can better{cost}. Of up to {most} maps {numbers[0]} need least with warps, {numbers[1]} without{still}.\n\n"

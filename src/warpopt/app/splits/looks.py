@@ -12,6 +12,6 @@ DASHES = {
     "filament": (0, (6, 2, 2, 2)),
 }  # fmt: skip
 MARKERS = {
-    "best": ".", "logarithmic": "o", "practical": "s", "uniform": "D", "godot": "^", "unity": "v", "unreal": "P",
+    "logarithmic": "o", "practical": "s", "uniform": "D", "godot": "^", "unity": "v", "unreal": "P",
     "bevy": "X", "three": "<", "filament": ">",
 }  # fmt: skip

@@ -235,7 +235,7 @@ class MassOfBody(eqx.Module):
 
 def _growth(objective: Objective, flat_view: bool) -> float:
     """The power of z in a slice's measure, of d log z."""
-    return 3 - (0 if flat_view else DENSITY_EXPONENT[objective.measure])
+    return 3 if flat_view else 1 - objective.volume_exponent
 
 
 class _Slices(NamedTuple):

@@ -103,9 +103,8 @@ class WholeFrustum(Receivers):
         return over_body(points[weights > 0], np.asarray(frame.light, np.float64), frame.is_orthographic)
 
     def mass_up_to(self, camera: Camera, objective: Objective) -> Callable[[Float[Array, "..."]], Float[Array, "..."]]:
-        """See `Receivers`: the integral of z^(2 - m) dz, or of dz along the axis and under parallel rays."""
-        plain = camera.is_orthographic or objective.measure == "axis"
-        return MassOfFrustum(camera.near, camera.far, 1 if plain else 3 - DENSITY_EXPONENT[objective.measure])
+        """See `Receivers`; of dz under parallel rays."""
+        return MassOfFrustum(camera.near, camera.far, 1 if camera.is_orthographic else 1 - objective.volume_exponent)
 
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """See `Receivers`."""
@@ -127,16 +126,21 @@ class WholeFrustum(Receivers):
         return BodyProfile([np.asarray(box, np.float64)], solid, camera, frame)
 
 
+def mass_between(start: Float[Array, "..."], end: Float[Array, "..."], growth: float) -> Float[Array, "..."]:
+    """The integral of z^(growth - 1) dz, without a difference."""
+    length = jnp.log(end / start)
+    return length if growth == 0 else start**growth * jnp.expm1(growth * length) / growth
+
+
 class MassOfFrustum(eqx.Module):
-    """The integral of z^(h - 1) dz from the near plane to a depth."""
+    """`mass_between` the near plane and a depth."""
 
     near: Float[Array, ""]
     far: Float[Array, ""]
-    h: float = eqx.field(static=True)
+    growth: float = eqx.field(static=True)
 
     def __call__(self, depth: Float[Array, "..."]) -> Float[Array, "..."]:
-        length = jnp.log(jnp.clip(depth, self.near, self.far) / self.near)
-        return length if self.h == 0 else self.near**self.h * jnp.expm1(self.h * length) / self.h
+        return mass_between(self.near, jnp.clip(depth, self.near, self.far), self.growth)
 
 
 def _box(camera: Camera, frame: LightFrame, objective: Objective) -> Footprint:
