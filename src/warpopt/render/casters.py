@@ -172,9 +172,9 @@ def _of_triangles(triangles: Float[Array, "T 3 3"], camera: Camera, prism: Prism
     own = triangles.astype(camera.position.dtype)
     corners = prism.places((own - camera.position) @ camera.rotation.T)
     # What is so large that products of two lengths overflow counts whole, at every depth.
+    there = ~jnp.isnan(own).any((1, 2))
     small = (jnp.abs(corners) < 0.1 * jnp.finfo(own.dtype).max ** 0.5).all((1, 2))
-    real = small & ~jnp.isnan(own).any((1, 2))
-    large = ~small & ~jnp.isnan(own).any((1, 2))
+    real, large = there & small, there & ~small
     heights = corners[..., 1].min(1) * prism.lengths[1]
     heights = jnp.where(large, jnp.where(jnp.isfinite(heights), heights, -jnp.inf), jnp.inf)
     whole = Nearest(jnp.zeros_like(heights), jnp.ones_like(heights), heights)
