@@ -24,9 +24,10 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # workers have their parent's
     atexit.register(shutil.rmtree, _cache, ignore_errors=True)
     os.environ |= {
         "JAX_COMPILATION_CACHE_DIR": _cache,
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2",  # writing what is compiled faster costs more than it saves
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.3",  # writing what is compiled faster costs more than it saves
         "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
     }
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the matrices are small, and idle threads spin
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # jaxlib 0.10.1 warns at each program that it reads
 os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")  # of each operation's origin, which nothing here reads
 
@@ -70,7 +71,7 @@ if LANE != "default-xla":
 # of the time.
 gc.collect()
 gc.freeze()
-gc.set_threshold(200_000, 50, 1000)
+gc.disable()
 
 
 def memory_maps(path: str) -> int:
@@ -96,9 +97,7 @@ def _room_for_programs():
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_unconfigure():
-    """Look for garbage once: pytest does five times at its end, through all that JAX compiled."""
-    gc.unfreeze()
-    gc.collect()
+    """Keep pytest from looking for garbage five times at its end, through all that JAX compiled."""
     gc.freeze()
 
 
