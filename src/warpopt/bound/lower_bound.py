@@ -31,7 +31,7 @@ def lower_bound(
     For E_p (and its powers): any monotone map s(delta), for every norm and measure. For E_q in L-inf: any map width per
     delta that contains the receivers; over V the optimal warp attains it. For "max": the larger of the two, as slope
     and width can be chosen independently. For "storage": any number of maps of any kind, one sample per texel, in any
-    directions (theory2's Theorem 5).
+    directions ((T60) of docs/theory.md).
 
     Over a `FrustumView`: closed forms, except for L_P off the axis (integrals tabulated to 1e-12; NaN above f/n =
     7.9e13, where no L_P optimum is found either); differentiable in near, far, half_fov and theta, one-sided at

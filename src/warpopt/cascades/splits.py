@@ -43,7 +43,7 @@ def uniform_at(near: Float[Array, "..."], far: Float[Array, "..."], shares: Numb
 
 
 def logarithmic(near: Numbers, far: Numbers, count: int) -> Float[Array, "... K1"]:
-    """Equal ratios: optimal over a whole frustum in L-inf, for every light, metric and warp (theory2's Theorem 3).
+    """Equal ratios: optimal over a whole frustum in L-inf, for every light, metric and warp (docs/cascades.md).
 
     Args and raises as `uniform`.
 
@@ -119,9 +119,9 @@ def stepped(splits: Numbers, step: float = 1.1, previous: Numbers | None = None)
     the nearest.
 
     Args:
-        splits: (..., K + 1), which do not fall.
+        splits: (..., K + 1), non-decreasing.
         step: > 1.
-        previous: what this gave for the frame before. A split stays there until it is a whole step away, the first and
+        previous: the last frame's result. A split stays there until it is a whole step away, the first and
             the last until they no longer cover the range, or are two steps away: one at the border between two steps
             does not move to and fro.
 
@@ -136,7 +136,7 @@ def stepped(splits: Numbers, step: float = 1.1, previous: Numbers | None = None)
     """
     splits, value = float_arrays(splits=splits, step=step)
     value = checked("step", value, lambda v: (v > 1) & (v < jnp.inf), "a number > 1")
-    rising = "finite positive depths that do not fall"
+    rising = "finite, positive, non-decreasing depths"
     splits = checked("splits", splits, lambda z: (z > 0) & (z < jnp.inf) & _not_falling(z), rising)
     if previous is None:
         return _stepped(splits, value, None)
@@ -173,7 +173,7 @@ def checked_splits(splits: Numbers, one: bool) -> Float[Array, "... K1"]:
     if one and made.ndim != 1:
         raise ValueError(f"splits: got shape {made.shape}, expected (K + 1,) over a scene: one call for each")
     return checked(
-        "splits", made, lambda z: (z > 0) & (z < jnp.inf) & _not_falling(z), "finite positive depths that do not fall"
+        "splits", made, lambda z: (z > 0) & (z < jnp.inf) & _not_falling(z), "finite, positive, non-decreasing depths"
     )
 
 

@@ -50,7 +50,7 @@ class Sides(eqx.Module):
 
 
 class FreeFit(eqx.Module):
-    """The convex hull of receivers in (delta, x - axis), for a map whose axis may lie anywhere (theory2's Theorem 8b).
+    """The convex hull of receivers in (delta, x - axis), for a map whose axis may lie anywhere (T62).
 
     Attributes:
         depth: of the hull's vertices, and others.
@@ -101,7 +101,7 @@ class LateralFit(NamedTuple):
     right: Float[Array, ""]
 
     def shear(self, depth: LightDepth, x: Float[Array, "..."], eta: Float[Array, ""]) -> Float[Array, "..."]:
-        """dx/ddelta at constant t, for x from W's axis: theory2 section 0."""
+        """dx/ddelta at constant t, for x from W's axis (T62)."""
         return self.m1 + (x - self.m0 - self.m1 * depth.delta) * (1 - eta) / depth.blend(eta)
 
 

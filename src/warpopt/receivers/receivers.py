@@ -24,8 +24,8 @@ class Receivers(eqx.Module):
     """Receivers of any kind. Code outside this package does not depend on the kind.
 
     Your own kind is an `equinox.Module` derived from this class. `optimal_warp`, `error_norm` and `shadow_matrix` need
-    only `footprint` (`warpopt.receivers.bins` builds it from extents of groups, and moments for L_P norms). Without the
-    other two methods, rules and lower bounds over it raise an error. What your methods return is checked: a wrong type,
+    only `footprint` (`warpopt.receivers.bins` builds it from extents of groups, and moments for L_P norms). Rules over
+    it also need `depth_extent`, lower bounds `depth_profile`; the other methods say what they are for. What your methods return is checked: a wrong type,
     shape or value is a `ValueError` that names it (wrong values in your own compiled program are
     `Outcome.not_finite`). Outside such a program they are called once for each solve, or once by `SceneView.reduced`.
 

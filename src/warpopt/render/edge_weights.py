@@ -258,8 +258,8 @@ _UNKNOWN = 0.02  # of the map's depth: the bias of pixels without a neighbour on
 def _step(place: Float[Array, "H W K"], nearness: Float[Array, "H W"], axis: int) -> tuple[Array, Array]:
     """(the change of place from a pixel to the next on its surface, whether there is one).
 
-    Over a plane 1/z is linear in the pixel. Of the two pixels beside, the one is taken towards which it is closer to
-    that, so that differences cross neither silhouettes nor creases; none where it is far from that towards both.
+    Over a plane 1/z is linear in the pixel. Of the two neighbours the one is taken towards which 1/z is closer to
+    linear, so that differences cross neither silhouettes nor creases; none where both are far from linear.
     """
     index = np.expand_dims(np.arange(nearness.shape[axis]), 1 - axis)
 

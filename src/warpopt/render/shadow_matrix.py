@@ -90,7 +90,7 @@ def shadow_matrix(
         casters: the shadow casters: a `ConvexBody` that contains them, such as a box; triangles (T, 3, 3); or points
             (N, 3) that bound them, such as a box's corners, which stand for their convex hull. Only the part in the
             receivers' sweep towards the light counts: the map's depth begins where that does. Traced points stand for
-            the body between 26 planes about them, which is a box's itself and somewhat larger than another hull:
+            the body between 26 planes about them, which is exact for a box and a little larger for others:
             `MapDepth.bounded` says so. By default the depth begins at the receivers.
         depth_clamp: whether nearer casters are clamped to the map's depth when they are drawn, as Vulkan's
             depthClampEnable, Direct3D's DepthClipEnable = FALSE and OpenGL's GL_DEPTH_CLAMP do ("pancaking"): the depth

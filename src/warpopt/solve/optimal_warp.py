@@ -60,8 +60,8 @@ def optimal_warp(
             integer, which are integrated numerically (default: 64, and more for large orders, whose integrands have
             sharp peaks; above an order of about 100 pass more, or the outcome is `inaccurate`). If given, it forces
             quadrature for every L_P norm.
-        previous: over a scene with `warp_direction="steady"`, the frame before's solution: a map without a warp keeps
-            its axes where others are better by less than a hundredth.
+        previous: over a scene with `warp_direction="steady"`, the last frame's solution: a map without a warp keeps
+            its axes unless others are better by 1 %.
 
     Raises:
         ValueError: bad arguments, or a norm whose optimum could not be certified.

@@ -65,8 +65,8 @@ class SceneSolution(eqx.Module):
         direction: (3,) world unit vector of W's axis, across the light.
         shares: what the map's texels along (t, s) are multiplied by for its aspect, at as many texels.
         unturned: where the direction was searched, the minimal norm of a map along the view; else `value`.
-        directions: how many directions were compared: `value` is global in eta for the one that it is for; among
-            directions it is the best of these, the last of which refine the best ones of 32 that are even.
+        directions: how many directions were compared, of which the last refine the best of 32 even ones; `value` is the
+            global minimum in eta along the chosen one, and the least of those compared.
 
     Example:
         >>> import warpopt

@@ -66,7 +66,7 @@ def edge_offset(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float
 def lean(
     e_p: Float[Array, "..."], sigma: Float[Array, "..."], normal: tuple[Float[Array, "..."], Float[Array, "..."]]
 ) -> Float[Array, "..."]:
-    """The signed extent across an edge of a texel's column edge: E_p (c + sigma s), for the edge's unit normal (c, s).
+    """A texel column's signed extent across a shadow edge: E_p (c + sigma s), for the edge's unit normal (c, s).
 
     Example:
         >>> float(lean(*map(jnp.asarray, (2.0, 0.5)), (jnp.asarray(0.75), jnp.asarray(-0.5))))
@@ -76,7 +76,7 @@ def lean(
 
 
 def offset_across(column: Float[Array, "..."], row: Float[Array, "..."]) -> Float[Array, "..."]:
-    """The expected offset of an edge across which a texel's two edges extend by these lengths.
+    """The expected offset of a shadow edge, from a texel's two extents across it, in pixels.
 
     The mean of |u a + v b| with u and v uniform in [-1/2, 1/2]: max/4 + min^2/(12 max) of |a| and |b|.
 
