@@ -83,7 +83,7 @@ def test_engines_split_where_their_sources_say(name, near, far, count, depths):
 
 @pytest.mark.parametrize("count", [1_000, pytest.param(100_000, marks=pytest.mark.thorough)])
 def test_no_certificate_is_violated(count):
-    """On random frusta with random splits, shares and bands: min e <= optimum <= max e, and equal ratios are optimal."""
+    """On random frusta with random splits, shares and bands: min e <= optimum <= max e, the optimum by equal ratios."""
     rng = np.random.default_rng(4)
     ratio = np.exp(rng.uniform(np.log(3), np.log(1e5), count))
     frustum = ViewFrustum(np.ones(count), ratio, rng.uniform(0.05, 1.4, count))
@@ -163,8 +163,8 @@ def test_equal_ratios_need_the_fewest_texels():
 
 
 def test_the_best_chain_of_a_mean_is_stationary():
-    """docs/cascades.md, with dm = dz: G'(u_k) e^(-u_k) = G'(u_k+1) - G(u_k+1), G the mean times the measure of a piece of
-    ratio e^u, from `optimal_warp` of frusta; its derivative by differences."""
+    """docs/cascades.md: G'(u_k) e^(-u_k) = G'(u_k+1) - G(u_k+1), G the mean times the measure of a piece of ratio e^u,
+    from `optimal_warp` of frusta; its derivative by differences."""
     objective = Objective("p", "l2", "screen")
     plan = cascades.plan(view_of(float(np.deg2rad(90))), 4, objective)
     u = np.diff(np.log(np.asarray(plan.splits)))

@@ -261,7 +261,11 @@ class Objective:
         return None
 
     def single(self, term: Metric) -> "Objective":
-        """The same norm of one term."""
+        """The same norm of one term.
+
+        Args:
+            term: of these.
+        """
         return Objective(term, self.order, self.measure)
 
 

@@ -188,7 +188,17 @@ class SceneView(eqx.Module):
         return self.frame_along(self.warp_direction)
 
     def frame_along(self, direction: str) -> LightFrame:
-        """W's axes for another `warp_direction` of the same view, "best" for the view's; an aspect of 1 for "best"."""
+        """W's axes for another `warp_direction` of the same view, "best" for the view's; an aspect of 1 for "best".
+
+        Args:
+            direction: a word of `warp_direction`, or "vector" for the view's own.
+
+        Returns:
+            A `LightFrame`.
+
+        Raises:
+            ValueError: "gradient" or "middle" over receivers that have no places.
+        """
         camera, receivers = self.camera, self.receivers
         frame = LightFrame(camera, self.light, self.screen, self.shadow_map)
         if self.map_aspect is not None:
@@ -206,6 +216,9 @@ class SceneView(eqx.Module):
 
         Args:
             solution: a `SceneSolution` of this view.
+
+        Returns:
+            A `SceneView` with a given direction and aspect.
 
         Raises:
             ValueError: anything else.
@@ -235,12 +248,20 @@ class SceneView(eqx.Module):
         """The footprint of the receivers, or of others in their place, in one frame and with the view's lateral fit.
 
         Called under `jax.jit`.
+
+        Args:
+            frame: W's axes.
+            objective: whose moments or samples are needed.
+            receivers: the view's own if None.
         """
         made = footprint_of(receivers or self.receivers, self.camera, frame, objective)
         return freed(made) if self.lateral == "free" and made.free is None else made
 
     def footprint(self, objective: Objective | None = None) -> Footprint:
         """The data of the receivers that a warp needs; for L-inf if no objective is given.
+
+        Args:
+            objective: E_p in L-inf if None.
 
         Raises:
             ValueError: an objective that the receivers do not support; an impossible answer of your own kind.
@@ -249,6 +270,12 @@ class SceneView(eqx.Module):
 
     def reduced(self, objective: Objective | None = None) -> "SceneView":
         """The same view with its receivers reduced to their footprint, so that several calls share one pass over them.
+
+        Args:
+            objective: that of the calls; E_p in L-inf if None.
+
+        Raises:
+            ValueError: as `footprint`.
 
         Example:
             >>> import warpopt

@@ -22,8 +22,8 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
 
     Texels are those of maps of their own aspect with one texel a pixel everywhere (`Objective("storage")`), over
     logarithmic splits (equal ones for an orthographic camera), which are within 2.6 % of the fewest
-    (docs/cascades.md: proved without a warp, measured with one). Rules of thumb fail: the best ratio of a cascade is 1.4 to 3.5
-    by light and warp.
+    (docs/cascades.md: proved without a warp, measured with one). Rules of thumb fail: the best ratio of a cascade is
+    1.4 to 3.5 by light and warp.
 
     Args:
         view: one frustum under one light, or a scene; over a scene its `screen` and `shadow_map` are the units: a
@@ -31,8 +31,12 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
         price: of one more map, in the same units, >= 0.
         warp: whether maps are warped.
 
+    Returns:
+        The number, and (16,) what 1 to 16 maps cost: their texels plus `price` for each map.
+
     Raises:
-        ValueError: several frusta, a price that is negative or NaN.
+        ValueError: several frusta or what is no view; a price that is negative, infinite or NaN; an endless range;
+            receivers without a `depth_extent`.
 
     Example:
         >>> import warpopt

@@ -76,6 +76,9 @@ class Plan(eqx.Module):
                 `sphere_texels` says what that costs.
             texels: along each side of a map, for "sphere", which has no padding.
 
+        Returns:
+            (K, 4, 4) and (K,).
+
         Raises:
             ValueError: a plan over a frustum, which has no place in the world; an unknown fit, or one without the
                 texels that it needs; otherwise as `shadow_matrix` and `sphere_matrix`.
@@ -134,6 +137,9 @@ def plan(
         shares: (K,) of each cascade's linear resolution, > 0; equal if None.
         warp: whether cascades are warped.
 
+    Returns:
+        A `Plan`, batched as a `FrustumView`; over a `SceneView` one.
+
     Raises:
         ValueError: arguments out of range, or far/near (1 - overlap) <= 1, for which there are no such cascades.
         RuntimeError: as `errors`.
@@ -187,6 +193,9 @@ def errors(
         view, overlap, shares, warp: as for `plan`.
         objective: E_p in L-inf if None.
         splits: (..., K + 1) non-decreasing view depths that cover the receivers, or the frustum exactly.
+
+    Returns:
+        A `Plan` with these splits.
 
     Raises:
         ValueError: splits that fall, that leave receivers out, or that lie outside of the frustum.

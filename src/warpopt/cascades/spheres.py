@@ -27,7 +27,7 @@ def sphere_texels(view: FrustumView | SceneView, splits: Numbers) -> Float[Array
         (..., K); inf for a cascade without receivers, or with all in one line along the light.
 
     Raises:
-        ValueError: splits that are not finite and positive, or that fall.
+        ValueError: what is no view; splits of a wrong shape, not finite and positive, or decreasing; several lights.
 
     Example:
         >>> import warpopt

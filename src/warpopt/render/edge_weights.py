@@ -73,9 +73,14 @@ def edge_weights(
         last_camera: the camera of the frame that `lit` is from: its edges are carried over by the receivers' places.
             Pixels that it did not see have weight 0.
 
+    Returns:
+        An `EdgeWeights` of (H, W) weights and (H, W, 2) normals, as `DepthBuffer` takes it.
+
     Raises:
-        ValueError: a mask of another size than the receivers', a missing argument, or two cameras whose views share no
+        ValueError: a mask of another size than the receivers', or a file that is no mask; a missing argument; an
+            orthographic camera with a map or `last_camera`; `last_camera` with a map; two cameras whose views share no
             receiver (traced values are not checked).
+        OSError: a mask file that cannot be read.
 
     Example:
         >>> import numpy as np

@@ -52,17 +52,29 @@ class ClipSpace:
 
     @classmethod
     def opengl(cls, *, reversed_z: bool = False, row_vectors: bool = False) -> "ClipSpace":
-        """z in [-1, 1], y up."""
+        """z in [-1, 1], y up.
+
+        Args:
+            reversed_z, row_vectors: as for the class.
+        """
         return cls(False, False, reversed_z, row_vectors)
 
     @classmethod
     def direct3d(cls, *, reversed_z: bool = False, row_vectors: bool = True) -> "ClipSpace":
-        """z in [0, 1], y up; row vectors by default."""
+        """z in [0, 1], y up; row vectors by default.
+
+        Args:
+            reversed_z, row_vectors: as for the class.
+        """
         return cls(True, False, reversed_z, row_vectors)
 
     @classmethod
     def vulkan(cls, *, reversed_z: bool = False, row_vectors: bool = False) -> "ClipSpace":
-        """z in [0, 1], y down."""
+        """z in [0, 1], y down.
+
+        Args:
+            reversed_z, row_vectors: as for the class.
+        """
         return cls(True, True, reversed_z, row_vectors)
 
 
@@ -97,6 +109,10 @@ def shadow_matrix(
             begins at the receivers, whatever the casters.
         padding: fractions of the map, along (t, s), left free at each edge: (1/width, 1/height) leaves a texel for
             filters. For maps that stay where they are over time see `StableWindow`.
+
+    Returns:
+        (4, 4), for column vectors unless `clip_space` says otherwise.
+
     Raises:
         ValueError: for casters of a wrong shape or not finite, a padding outside [0, 1/2), or an apex that is not
             before the receivers (a matrix of NaN when traced); casters so far before the receivers that the depth

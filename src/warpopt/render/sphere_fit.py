@@ -34,6 +34,9 @@ def sphere_matrix(
         near, far: the view depths of the piece of the camera's frustum that the sphere is about; the camera's planes,
             by default; the farthest receiver for far = inf.
 
+    Returns:
+        (4, 4), as `shadow_matrix`.
+
     Raises:
         ValueError: texels that are no whole number >= 2, depths without 0 < near < far, or as `shadow_matrix`.
 

@@ -95,7 +95,17 @@ class SceneSolution(eqx.Module):
     def coordinates(
         self, eye_points: Float[Array | np.ndarray, "... 3"]
     ) -> tuple[LightDepth, Float[Array, "..."], Float[Array, "..."]]:
-        """(depth as delta and 1 - delta, x from W's axis, eye depth z) of points in eye coordinates."""
+        """(depth as delta and 1 - delta, x from W's axis, eye depth z) of points in eye coordinates.
+
+        Args:
+            eye_points: (..., 3), as of `Camera.to_eye`.
+
+        Returns:
+            A `LightDepth`, x and z, each (...).
+
+        Raises:
+            ValueError: another shape.
+        """
         return self.footprint.coordinates(self.frame, points_of(self.footprint.mu.dtype, "eye_points", eye_points))
 
     def aliasing_error(
@@ -109,6 +119,9 @@ class SceneSolution(eqx.Module):
             eye_points: (..., 3).
             metric: "p", "q", "pxq", "max", "edge", "band" or a `Metric`.
             eta: in (0, 1], a number.
+
+        Returns:
+            (...), in pixels per texel if the view has resolutions, else in the units of `theory.aliasing_error`.
 
         Raises:
             ValueError: an unknown metric, or eta outside (0, 1].

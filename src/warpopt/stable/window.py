@@ -225,6 +225,9 @@ class StableWindow:
         Returns:
             What `update` takes as `may_refit`, under `jax.vmap`. Urgent fits, such as of receivers larger than the map,
             are not put off.
+
+        Raises:
+            ValueError: what is no `WindowState`, or of a shape other than (K,).
         """
         instance("states", states, WindowState)
         if states.loss.ndim != 1:
