@@ -264,7 +264,7 @@ class Objective:
         """The same norm of one term.
 
         Args:
-            term: of these.
+            term: the only one.
         """
         return Objective(term, self.order, self.measure)
 

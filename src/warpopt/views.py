@@ -94,8 +94,7 @@ class SceneView(eqx.Module):
             that of least error, between 1/8 and 8, for metrics "max", "edge" and "band" ("pxq" and "storage" are the
             same for all).
         lateral: where the map's axis is across the warp: "eye", through the eye, or as near to it as the receivers are;
-            "free", the line with the least width, (T62) of docs/theory.md, which turned warps and level
-            ground gain by;
+            "free", the line with the least width, (T62) of docs/theory.md, which turned warps and level ground gain by;
             only for maxima and norms without shear ("p", "q", "pxq", "max", "storage").
         turn_only_if: with "best", how much less the error must be than along the view for the map to be turned: 1.1
             keeps the view's direction unless its error is above 1.1 times the best one's.
