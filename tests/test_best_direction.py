@@ -258,7 +258,7 @@ BEHIND = [0.0, 0.0, 9.0]  # not seen
     ids=["none", "one", "along the view", "a wall", "a line", "along the light"],
 )
 def test_degenerate_cases(how, points, light, outcome):
-    """theory2's table: finite numbers, a map that holds the receivers, and never worse than the view's direction."""
+    """Outcomes: finite numbers, a map that holds the receivers, and never worse than the view's direction."""
     points = np.array(points)
     view = SceneView(AHEAD, DirectionalLight(light), PointReceivers(points), warp_direction=how, lateral="free")
     found = optimal_warp(view, STORAGE)

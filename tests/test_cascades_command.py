@@ -107,8 +107,8 @@ def test_a_scene_says_how_many_maps_are_worth_their_price():
         best[warped] = number
         told = [float(r["texels_over_bound"]) for r in lines if r["warped"] == str(warped)]
         np.testing.assert_allclose(told, np.asarray(texels) / bound - 0.25 * np.arange(1, 17), rtol=1e-9)
-    assert f"Of up to 16 maps {best[True]} need least with warps, {best[False]} without." in report
-    assert "a map costs 0.25 of those" in report
+    assert f"Of 1 to 16 maps {best[True]} need the fewest with warps, {best[False]} without." in report
+    assert "each map costs 0.25 more" in report
     assert "(texels.png)" in report
 
 
@@ -135,7 +135,7 @@ def test_every_light_of_a_path_has_its_plan_from_one_program():
     assert f"the error is {min(values.values()):.4g} to {max(values.values()):.4g}" in report
     assert "over 3 lights" in report
     assert "At whole steps of 1.1 they have" in report
-    assert "times from light to light, of 2" in report
+    assert "of 2 steps of the light" in report
     assert "No picture of the screen: the receivers are not pixels." in report
     with Path("out/cascades.csv").open() as file:
         assert {line["light"] for line in csv.DictReader(file)} == {"0", "1", "2"}

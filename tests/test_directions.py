@@ -1,4 +1,4 @@
-"""Directions, aspects and lateral fits of a warp: theory2's Theorems 4, 5, 8 and 8b from raw geometry."""
+"""Directions, aspects and lateral fits of a warp: (T58) to (T62) from raw geometry."""
 
 import functools
 
@@ -85,7 +85,7 @@ def free_solutions():
 
 
 def test_storage_has_one_minimum_and_it_is_found():
-    """Theorem 4 on raw geometry, with a map whose axis is free: falling, then rising, and no eta of 2,000 is better."""
+    """(T59) on raw geometry, with a map whose axis is free: falling, then rising, and no eta of 2,000 is better."""
     eye, _, lights, directions = sets()
     found, _, _ = jax.device_get(free_solutions())
     for i in range(SETS):
@@ -119,7 +119,7 @@ def chords_of(delta, x) -> list[tuple[float, float]]:
 
 
 def test_the_free_fit_is_the_linear_program_s():
-    """Theorem 8b: the least width, the least |m1| of its axes, and a map that holds every receiver."""
+    """(T62): the least width, the least |m1| of its axes, and a map that holds every receiver."""
     eye, world, lights, directions = sets()
     found, matrices, fits = free_solutions()
     wide = np.sum(jax.vmap(lambda footprint: footprint.half_widths(WEAKER))(found.footprint), 0)
@@ -173,7 +173,7 @@ def test_of_many_axes_the_one_with_the_least_slope_is_taken():
 
 
 def test_a_texel_s_area_is_e_p_times_e_q():
-    """theory2's meaning in any axes: |det d(q,p)/d(t,s)| = E_p E_q |N.c|/(z |N.l|), through the matrix by autodiff.
+    """(T58): |det d(q,p)/d(t,s)| = E_p E_q |N.c|/(z |N.l|), through the matrix by autodiff.
 
     Turned and sheared maps, and pixels that are no squares.
     """
@@ -243,7 +243,7 @@ SUNS = [(elevation, azimuth) for elevation in (4, 12, 30, 55, 80) for azimuth in
 
 @pytest.mark.parametrize("objective", [STORAGE, Objective("pxq")], ids=lambda o: o.name)
 @pytest.mark.thorough("pxq")
-def test_level_ground_is_theorem_8(objective):
+def test_level_ground_has_its_closed_form(objective):
     """22 suns and pitches: the closed form along the gradient, which no searched direction betters."""
 
     def solve(elevation, azimuth, pitch):
@@ -274,7 +274,7 @@ def test_level_ground_is_theorem_8(objective):
 
 
 def test_the_texels_that_any_maps_need():
-    """Theorem 5 against a quadrature over rays, for off-centre frusta and any light; and it is below every map."""
+    """(T60) against a quadrature over rays, for off-centre frusta and any light; and it is below every map."""
     rng = np.random.default_rng(8)
     for _ in range(4):
         window = np.array(

@@ -250,3 +250,13 @@ def test_schema_of_scene(capsys):
         cli.main(["schema", "--of", "scene"])
     schema = json.loads(capsys.readouterr().out)
     assert {"camera", "light", "receivers", "objective", "output"} <= set(schema["properties"])
+
+
+@pytest.mark.parametrize("by", ["uniform", "depth", "edges"])
+def test_the_report_says_which_pixels_count(folder, by):
+    """With a mask lit pixels only; but edges count on both sides, and all pixels where the mask has none."""
+    np.save("ground.npy", ground())
+    np.save("lit.npy", np.ones((HEIGHT, WIDTH), bool))
+    run(toml("depth = { files = 'ground.npy' }", more=f"[weights]\nby = '{by}'\nlit = 'lit.npy'\n"))
+    (told,) = (part for part in (folder / "out/report.md").read_text().split("\n") if "In means, " in part)
+    assert ("lit pixels only" in told) == (by != "edges")

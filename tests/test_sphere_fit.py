@@ -87,7 +87,7 @@ def test_its_depth_is_the_receivers_and_their_casters():
 
 
 def test_what_spheres_cost():
-    """theory2's numbers at far/near of 5.62, four cascades of 1000: 2.0 to 4.6 times the texels of a tight unwarped
+    """docs/cascades.md: at far/near of 5.62, four cascades of 1000: 2.0 to 4.6 times the texels of a tight unwarped
     map; 15.8, 6.8, 2.9 and 2.0 times those of a warped one, at 90, 60, 30 and 10 degrees."""
     depths = splits.logarithmic(1.0, 1000.0, 4)
     warped, plain = [], []

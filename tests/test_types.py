@@ -1,9 +1,12 @@
-"""Signatures: read by a static checker, and no array of unknown shape in them. A lane checks them at run time."""
+"""Signatures: read by a static checker, no array of unknown shape, every parameter explained. A lane checks them at run
+time."""
 
+import enum
 import importlib
 import inspect
 import json
 import pkgutil
+import re
 import subprocess
 import sys
 import typing
@@ -15,6 +18,7 @@ import pytest
 from jax.typing import ArrayLike
 
 import warpopt
+from warpopt.cascades import splits
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ["warpopt", *(m.name for m in pkgutil.iter_modules(warpopt.__path__, "warpopt.") if m.ispkg)]
@@ -86,3 +90,64 @@ def test_no_public_signature_has_an_array_of_unknown_shape():
 ])  # fmt: skip
 def test_what_is_bare(annotation, bare):
     assert is_bare(annotation) is bare
+
+
+def docstrings(found: typing.Any) -> str:
+    """A callable's, and those of the methods that it overrides; a class's with its constructor's."""
+    owner, _, key = getattr(found, "__qualname__", "").rpartition(".")
+    if inspect.isclass(found):
+        each = [found, found.__init__]
+    elif owner and "<" not in owner:
+        bases = inspect.getmro(getattr(sys.modules[found.__module__], owner))
+        each = [getattr(base, key) for base in bases if key in vars(base)]
+    else:
+        each = [found]
+    return "\n\n".join(filter(None, map(inspect.getdoc, each)))
+
+
+def unexplained(found: typing.Any) -> list[str]:
+    """What a docstring lacks: parameters, by name, in its `Args:` or, without one, anywhere; a function's `Returns:`.
+
+    The attributes of a class that is a record are its parameters. A function whose docstring has no `Args:` says in its
+    first line what it returns.
+    """
+    text = docstrings(found)
+    sections = re.findall(r"^(?:Args|Attributes):\n((?:    .*\n?)+)", text, re.M)
+    entries = re.findall(r"^    (\w+(?:, \w+)*): ", "".join(sections), re.M)
+    named = {name for entry in entries for name in entry.split(", ")} if sections else set(re.findall(r"\w+", text))
+    lacks = [name for name in inspect.signature(found).parameters if name not in {*named, "self", "cls"}]
+    alone = inspect.isfunction(found) and "." not in found.__qualname__
+    return [*lacks, "Returns:"] if alone and "Args:" in text and "Returns:" not in text else lacks
+
+
+def test_every_parameter_is_explained():
+    """Of functions, methods and constructors; an override may leave it to what it overrides."""
+    schemes = {**splits.SCHEMES, **splits.ENGINES, "fractions": splits.fractions, "stepped": splits.stepped}
+    told = dict(public_callables()) | {f"warpopt.cascades.splits.{name}": found for name, found in schemes.items()}
+    functions = {}
+    for name, found in told.items():
+        try:
+            inspect.signature(found)
+        except ValueError:  # a Literal
+            continue
+        if not (inspect.isclass(found) and issubclass(found, enum.Enum)):
+            functions[name] = found
+    assert len(functions) > 200
+    assert {name: lacks for name, found in functions.items() if (lacks := unexplained(found))} == {}
+
+
+def test_what_is_unexplained():
+    def scaled(x: float, factor: float) -> float:
+        """x times a factor.
+
+        Args:
+            x: of any sign.
+        """
+        return x * factor
+
+    scaled.__qualname__ = "scaled"
+    assert unexplained(scaled) == ["factor", "Returns:"]
+    scaled.__doc__ = "x times the factor."
+    assert unexplained(scaled) == []
+    scaled.__doc__ = "The product."
+    assert unexplained(scaled) == ["x", "factor"]

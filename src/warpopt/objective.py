@@ -122,7 +122,7 @@ class Objective:
                 of a texel, max(E_p sqrt(1 + sigma^2), E_q); "band", the expected offset of a shadow edge. The last
                 three compare E_p with E_q, which is meaningful in pixels per texel: give the view `screen` and
                 `shadow_map`, without which pixels are square and so is the map. "storage", in norm inf, is (max E_p)
-                (max E_q): how many times its texels a map of its own aspect needs for one texel per pixel.
+                (max E_q): by what factor a map's texels must grow, at its best aspect, for one per pixel.
             norm: "inf", "l1", "l2" or any real order >= 1. None means "inf"; for "edge" and "band", which are means,
                 "l1".
             measure: "volume", "screen", "log_depth", "ground" or "axis".
@@ -261,7 +261,11 @@ class Objective:
         return None
 
     def single(self, term: Metric) -> "Objective":
-        """The same norm of one term."""
+        """The same norm of one term.
+
+        Args:
+            term: the only one.
+        """
         return Objective(term, self.order, self.measure)
 
 

@@ -94,7 +94,7 @@ class SceneView(eqx.Module):
             that of least error, between 1/8 and 8, for metrics "max", "edge" and "band" ("pxq" and "storage" are the
             same for all).
         lateral: where the map's axis is across the warp: "eye", through the eye, or as near to it as the receivers are;
-            "free", the line with the least width (theory2's Theorem 8b), which turned warps and level ground gain by;
+            "free", the line with the least width, (T62) of docs/theory.md, which turned warps and level ground gain by;
             only for maxima and norms without shear ("p", "q", "pxq", "max", "storage").
         turn_only_if: with "best", how much less the error must be than along the view for the map to be turned: 1.1
             keeps the view's direction unless its error is above 1.1 times the best one's.
@@ -187,7 +187,17 @@ class SceneView(eqx.Module):
         return self.frame_along(self.warp_direction)
 
     def frame_along(self, direction: str) -> LightFrame:
-        """W's axes for another `warp_direction` of the same view, "best" for the view's; an aspect of 1 for "best"."""
+        """W's axes for another `warp_direction` of the same view, "best" for the view's; an aspect of 1 for "best".
+
+        Args:
+            direction: a word of `warp_direction`, or "vector" for the view's own.
+
+        Returns:
+            A `LightFrame`.
+
+        Raises:
+            ValueError: "gradient" or "middle" over receivers that have no places.
+        """
         camera, receivers = self.camera, self.receivers
         frame = LightFrame(camera, self.light, self.screen, self.shadow_map)
         if self.map_aspect is not None:
@@ -205,6 +215,9 @@ class SceneView(eqx.Module):
 
         Args:
             solution: a `SceneSolution` of this view.
+
+        Returns:
+            A `SceneView` with a given direction and aspect.
 
         Raises:
             ValueError: anything else.
@@ -234,6 +247,11 @@ class SceneView(eqx.Module):
         """The footprint of the receivers, or of others in their place, in one frame and with the view's lateral fit.
 
         Called under `jax.jit`.
+
+        Args:
+            frame: W's axes.
+            objective: whose moments or samples are needed.
+            receivers: the view's own if None.
         """
         made = footprint_of(receivers or self.receivers, self.camera, frame, objective)
         return freed(made) if self.lateral == "free" and made.free is None else made
@@ -241,14 +259,22 @@ class SceneView(eqx.Module):
     def footprint(self, objective: Objective | None = None) -> Footprint:
         """The data of the receivers that a warp needs; for L-inf if no objective is given.
 
+        Args:
+            objective: E_p in L-inf if None.
+
         Raises:
-            ValueError: an objective that the receivers do not support; an answer of your own kind that no receivers
-                can have.
+            ValueError: an objective that the receivers do not support; an impossible answer of your own kind.
         """
         return _answers(self, objective_or_default(objective))[0]
 
     def reduced(self, objective: Objective | None = None) -> "SceneView":
         """The same view with its receivers reduced to their footprint, so that several calls share one pass over them.
+
+        Args:
+            objective: that of the calls; E_p in L-inf if None.
+
+        Raises:
+            ValueError: as `footprint`.
 
         Example:
             >>> import warpopt

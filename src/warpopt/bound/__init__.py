@@ -1,3 +1,3 @@
-"""What no map could better: lower bounds, and the map that attains one."""
+"""Lower bounds, and the map that attains one."""
 
 from .map import BoundMap as BoundMap

@@ -40,7 +40,7 @@ def bound_frusta(frustum: ViewFrustum, theta: Array, objective: Objective) -> Ar
 
 @jax.jit
 def storage_of_frusta(frustum: ViewFrustum, theta: Array) -> Array:
-    """The texels that any number of maps need for E_p E_q <= 1 over V: theory2's Theorem 5.
+    """The texels that any number of maps need for E_p E_q <= 1 over V, (T60).
 
     The near plane's |l.v| area, and log(f/n) times the side faces through which rays leave V towards the eye.
     """

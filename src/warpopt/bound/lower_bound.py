@@ -31,7 +31,7 @@ def lower_bound(
     For E_p (and its powers): any monotone map s(delta), for every norm and measure. For E_q in L-inf: any map width per
     delta that contains the receivers; over V the optimal warp attains it. For "max": the larger of the two, as slope
     and width can be chosen independently. For "storage": any number of maps of any kind, one sample per texel, in any
-    directions (theory2's Theorem 5).
+    directions ((T60) of docs/theory.md).
 
     Over a `FrustumView`: closed forms, except for L_P off the axis (integrals tabulated to 1e-12; NaN above f/n =
     7.9e13, where no L_P optimum is found either); differentiable in near, far, half_fov and theta, one-sided at
@@ -41,11 +41,10 @@ def lower_bound(
     frustum per bin): exact in L-inf, by vertices; E_p in L_P by quadrature, to 1e-12 for f/n up to 1e4 and 2e-8 for
     1e12 (a histogram: 1e-7 while no bin spans a depth ratio above 30). For points and depth buffers: the best map that
     is linear, and of one width, within each bin of depth. Finitely many points would have the bound 0, with every
-    texel row
-    at a point: the bins stand for the surfaces between them. A warp, whose slope and width vary within a bin, can be up
-    to 8 % below this (E_q: 4 %). 0 for no receivers, or a single depth. "storage" is exact over frusta, bodies and
-    planes; over points and depth buffers it sums square cells 8 / bins of their depth wide, which count with their
-    nearest receiver. An orthographic camera's screen sees all depths alike: "storage" is then the area that the
+    texel row at a point: the bins stand for the surfaces between them. A warp, whose slope and width vary within a
+    bin, can be up to 8 % below this (E_q: 4 %). 0 for no receivers, or a single depth. "storage" is exact over frusta,
+    bodies and planes; over points and depth buffers it sums square cells 8 / bins of their depth wide, which count with
+    their nearest receiver. An orthographic camera's screen sees all depths alike: "storage" is then the area that the
     receivers cover on the light plane (of points, in cells 8 / bins of the window's height wide), and E_p's bound in
     L-inf over a body is its error without a warp.
 
@@ -53,6 +52,9 @@ def lower_bound(
         view: a `FrustumView` of any shape, or a `SceneView`.
         objective: E_p in L-inf if None.
         bins: number of depth bins for points and depth buffers.
+
+    Returns:
+        Over a `FrustumView` an array of its shape, over a `SceneView` a float.
 
     Raises:
         ValueError: bad arguments, a traced `SceneView`, or no bound is known: E_q in L_P, a product of E_p and E_q, or
@@ -106,6 +108,9 @@ def lower_bound_map(
         knots: over a frustum, the least number on each of its three parts (segments of V at one depth growing, longest,
             shrinking; 96 if None); over bodies, for each stretch between the depths of two vertices (16 if None).
         bins: for points and depth buffers: the map is linear within each bin.
+
+    Returns:
+        A `BoundMap`.
 
     Raises:
         ValueError: bad arguments, a traced view; no receivers, or all at one depth.

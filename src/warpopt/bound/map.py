@@ -55,12 +55,22 @@ class BoundMap(eqx.Module):
     measure: str = eqx.field(static=True)
 
     def __call__(self, delta: ArrayLike) -> NDArray | np.floating:
-        """s at any delta in [0, 1], by linear interpolation."""
+        """s at any delta in [0, 1], by linear interpolation.
+
+        Args:
+            delta: of any shape; clamped to [0, 1].
+
+        Returns:
+            s, of the same shape.
+        """
         (delta,) = float_arrays(delta=delta)
         return np.interp(np.asarray(delta, float), self.delta, self.s)
 
     def save(self, path: str | Path) -> None:
         """Write it as .npz, .csv or .json, by the file extension; atomic, and equal maps give equal files.
+
+        Args:
+            path: of the file.
 
         Raises:
             ValueError: another ending.
@@ -69,12 +79,19 @@ class BoundMap(eqx.Module):
         write_whole(path, _fields(self), _columns(self))
 
     def encoded(self, path: str | Path) -> bytes:
-        """The bytes that `save` writes to the path; raises the same for the extension."""
+        """The bytes that `save` writes to the path; raises the same for the extension.
+
+        Args:
+            path: of which the extension counts.
+        """
         return encoded(path, _fields(self), _columns(self))
 
     @staticmethod
     def load(path: str | Path) -> "BoundMap":
         """Read a map from a file.
+
+        Args:
+            path: of a file that `save` wrote.
 
         Raises:
             DataFileError (a ValueError): a file that is missing, truncated, edited or of another format.

@@ -18,12 +18,12 @@ _TOGETHER = 8  # pieces in one call: all 16 and all 136 are whole numbers of the
 
 
 def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = True) -> tuple[int, Float[Array, " 16"]]:
-    """(the number of maps that needs least, texels and price together, for 1 to 16 maps).
+    """(the cheapest number of maps, what 1 to 16 maps cost): texels and price together.
 
     Texels are those of maps of their own aspect with one texel a pixel everywhere (`Objective("storage")`), over
-    logarithmic splits (equal ones for an orthographic camera), which are within 2.6 % of the fewest (theory2's
-    Theorem 6: proved without a warp, measured with one). Rules of thumb fail: the best ratio of a cascade is 1.4 to 3.5
-    by light and warp.
+    logarithmic splits (equal ones for an orthographic camera), which are within 2.6 % of the fewest
+    (docs/cascades.md: proved without a warp, measured with one). Rules of thumb fail: the best ratio of a cascade is
+    1.4 to 3.5 by light and warp.
 
     Args:
         view: one frustum under one light, or a scene; over a scene its `screen` and `shadow_map` are the units: a
@@ -31,14 +31,18 @@ def count(view: FrustumView | SceneView, price: Numbers = 0.0, *, warp: bool = T
         price: of one more map, in the same units, >= 0.
         warp: whether maps are warped.
 
+    Returns:
+        The number, and (16,) what 1 to 16 maps cost: their texels plus `price` for each map.
+
     Raises:
-        ValueError: several frusta, a price that is negative or NaN.
+        ValueError: several frusta or what is no view; a price that is negative, infinite or NaN; an endless range;
+            receivers without a `depth_extent`.
 
     Example:
         >>> import warpopt
         >>> frustum = warpopt.ViewFrustum(near=1.0, far=1000.0, half_fov=0.5236)
-        >>> best, texels = count(warpopt.FrustumView(frustum, 1.0472), price=10.0)
-        >>> best, bool(texels[best - 1] == texels.min())
+        >>> best, cost = count(warpopt.FrustumView(frustum, 1.0472), price=10.0)
+        >>> best, bool(cost[best - 1] == cost.min())
         (6, True)
     """
     refuse_other(view)

@@ -88,7 +88,7 @@ def masses(starts: Array, ends: Array, near: Array, far: Array, objective: Objec
 def splits_of_shares(
     view: FrustumView, objective: Objective, shares: np.ndarray, overlap: float, warp: bool
 ) -> Float[Array, "... K1"]:
-    """Maps of unequal resolution in L-inf: all errors over shares equal, or a cascade unused (theory2 section 1, (c)).
+    """Maps of unequal resolution in L-inf: all errors over shares equal, or a cascade unused (docs/cascades.md).
 
     The root of "all lengths the whole" in the common error, and in each share that of "this error" in the length: both
     increase. Their derivatives are the implicit functions'.
@@ -180,7 +180,7 @@ def splits_of_means(
     """The least L_P norm: the sum over cascades of the mean of E^P times the measure, by a dynamic programme.
 
     Over a grid of depths that is even in log z the best chain of cascades is found, then again over finer grids about
-    it. That no better chain lies elsewhere is not proved (theory2's Theorem 7 is a necessary condition).
+    it. That no better chain lies elsewhere is not proved (the condition in docs/cascades.md is only necessary).
     """
     near, far = ends_of(view)
     weights = shares ** (-objective.resolution_power * objective.order)

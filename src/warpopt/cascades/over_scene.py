@@ -162,9 +162,9 @@ def _equalised(
 ) -> Array:
     """L-inf: all cascades but the last as long as a common level allows, and the level at which the last one has it.
 
-    Errors grow with what a cascade holds (theory2's Theorem 1), so the longest is right, and the last one's error falls
+    Errors grow with what a cascade holds (docs/cascades.md), so the longest is right, and the last one's error falls
     as the level rises. What any chain attains bounds the least error from above; from below do the levels that the last
-    cascade exceeds, and at first the least error of the logarithmic split (Theorem 2).
+    cascade exceeds, and at first the least error of the logarithmic split.
     """
     coarse = view.receivers.of_cells
     depths = _between_all(view, ends, EXACT, apart)

@@ -34,10 +34,10 @@ class Plan(eqx.Module):
         warps: the best `Warp` of each cascade, (..., K); eta = 1 without warps.
         errors: (..., K) each cascade's error over its share of linear resolution (to the metric's power); 0 for a
             cascade without receivers.
-        value: the largest of them; for an L_P norm, that over all receivers, sum and measure common to all cascades
-            (with overlaps each counts as its own range does, with the mean over its whole map).
-        lower: what no split of as many cascades can better (theory2's Theorem 2), counting those that hold more than
-            one depth; NaN where that is not proved.
+        value: the largest of them; for an L_P norm, the norm over all receivers, one sum over cascades (with overlaps,
+            each map's mean counts by the weights of its own range).
+        lower: a lower bound of `value` for every split into as many cascades (of those that hold more than one depth);
+            NaN where not proved (docs/cascades.md).
         lower_because: why `lower` holds, or does not.
         solutions: over a scene, each cascade's `SceneSolution`, stacked; None over a frustum.
         views: over a scene, each cascade's view; None over a frustum.
@@ -75,6 +75,9 @@ class Plan(eqx.Module):
                 long as the splits stay: see `splits.stepped`).
                 `sphere_texels` says what that costs.
             texels: along each side of a map, for "sphere", which has no padding.
+
+        Returns:
+            (K, 4, 4) and (K,).
 
         Raises:
             ValueError: a plan over a frustum, which has no place in the world; an unknown fit, or one without the
@@ -120,20 +123,22 @@ def plan(
 ) -> Plan:
     """The cascades of least error, each with its best warp.
 
-    Over a whole frustum in L-inf: equal ratios, exactly (theory2's Theorem 3), also with overlaps and shares. L_P norms
+    Over a whole frustum in L-inf: equal ratios, exactly (docs/cascades.md), also with overlaps and shares. L_P norms
     over a frustum, and receivers: see `over_frustum` and `over_scene`.
 
     Args:
         view: a `FrustumView`, of any shape; or a `SceneView`, whose direction, aspect and lateral fit each cascade has
             (where they are searched for, splits are found along those that are best for all receivers together).
         count: cascades, 1 to 16; 1 is `optimal_warp`.
-        objective: what the splits minimise. None: E_p in L-inf; but over a scene the logarithmic split of the
-            receivers' range, rated by that, which rendered pixels favour over the best splits of E_p
-            (docs/cascades.md), and equal lengths for an orthographic camera (of equal maps without overlap); where
-            the receivers have weights of their own, such as edges', "edge".
+        objective: what the splits minimise. None: "edge" over receivers with weights of their own, such as edges';
+            else E_p in L-inf, but over a scene equal maps without overlap have equal ratios (equal lengths for an
+            orthographic camera), which render as well as the best splits of E_p (docs/cascades.md).
         overlap: each cascade but the first begins at (1 - overlap) of its split, in [0, 1).
         shares: (K,) of each cascade's linear resolution, > 0; equal if None.
         warp: whether cascades are warped.
+
+    Returns:
+        A `Plan`, batched as a `FrustumView`; over a `SceneView` one.
 
     Raises:
         ValueError: arguments out of range, or far/near (1 - overlap) <= 1, for which there are no such cascades.
@@ -168,7 +173,7 @@ def plan(
             made = (uniform if view.camera.is_orthographic else logarithmic)(least, largest, count)
         else:
             made = splits_of_scene(view, (least, largest), count, goal, parts, band, warp)
-    # Over a whole frustum equal maps are similar about the eye (theory2's Theorem 3, (a)): one solve serves all.
+    # Over a whole frustum equal maps are similar about the eye (docs/cascades.md): one solve serves all.
     similar = isinstance(view, FrustumView) and goal.supremum and bool((parts == parts[0]).all())
     return _plan_of(view, made, goal, band, parts, warp, similar)
 
@@ -187,7 +192,10 @@ def errors(
     Args:
         view, overlap, shares, warp: as for `plan`.
         objective: E_p in L-inf if None.
-        splits: (..., K + 1) view depths that do not fall, and cover the receivers, or the frustum exactly.
+        splits: (..., K + 1) non-decreasing view depths that cover the receivers, or the frustum exactly.
+
+    Returns:
+        A `Plan` with these splits.
 
     Raises:
         ValueError: splits that fall, that leave receivers out, or that lie outside of the frustum.
@@ -240,7 +248,7 @@ def _plan_of(
 
 @functools.partial(jax.jit, static_argnames=("count",))
 def _of_equal_ratios(near: Array, far: Array, band: Array | float, count: int) -> Array:
-    """With bands the last cascades are as long in ratio as the first: theory2's (b)."""
+    """With bands the last cascades are as long in ratio as the first (docs/cascades.md)."""
     q = (jnp.log1p((far - near) / near) - (count - 1) * jnp.log1p(-band)) / count
     k = jnp.arange(count + 1)
     made = near[..., None] * jnp.exp(k * q[..., None] + jnp.maximum(k - 1, 0) * jnp.log1p(-band))
@@ -261,8 +269,8 @@ def _held(
 ) -> tuple[Array, Array | None, Array]:
     """(each cascade's error, its part of all weights, whether it holds nothing).
 
-    One of no length holds nothing: a receiver at its split is the one's before or after. If all receivers are at one
-    depth, they are the finest map's.
+    One of no length holds nothing: a receiver at its split is in a neighbour. If all are at one depth, the finest map
+    holds them.
     """
     one = splits[0] == splits[-1]
     finest = jnp.arange(len(splits) - 1) == jnp.argmax(jnp.asarray(shares))
@@ -273,9 +281,9 @@ def _held(
     return each, mass, solutions.footprint.empty | ~held
 
 
-_FRUSTUM = "errors grow with what a cascade holds, so any split certifies itself (Theorem 2)"
+_FRUSTUM = "errors grow with what a cascade holds, so any split certifies itself"
 _SCENE = _FRUSTUM + ", for one direction of the warp in all cascades or the best in each"
-_ASIDE = "not proved: in some cascade all receivers are on one side of the axis through the eye, which is moved"
+_ASIDE = "not proved: some cascade's receivers lie on one side of the eye's axis, so that its map's is moved"
 _SINGLE = "not proved: each cascade has a direction of its own that is not the best"
 _MEANS = "not proved for a mean over the receivers"
 
@@ -291,13 +299,13 @@ def _assembled(splits, starts, warps, each, objective, shares, mass, why, views,
     if not proved:
         lower = jnp.full_like(value, jnp.nan)
     elif not is_traced(over) and (np.asarray(held) < over.shape[-1]).any():
-        # An empty cascade proves nothing for as many: the certificate is for those that hold something.
+        # With empty cascades the bound is for fewer: as many as hold something.
         number = np.unique(held)
         if len(number) == 1 and number[0] > 0:
             why = f"{why}; for {number[0]} cascades, as many as hold more than one depth"
         else:
             lower = jnp.where(np.asarray(held) == over.shape[-1], lower, jnp.nan)
-            why = "not proved: no cascade holds more than one depth, or not as many in each plan"
+            why = "not proved: no cascade holds more than one depth, or plans differ in how many do"
     elif is_traced(over):
         lower = jnp.where(held == over.shape[-1], lower, jnp.nan)
     return Plan(splits, starts, warps, over, value, lower, why, solutions, views)

@@ -21,13 +21,13 @@ def sphere_texels(view: FrustumView | SceneView, splits: Numbers) -> Float[Array
 
     Args:
         view: a `FrustumView`, of any shape, whose window is as wide as high; or a `SceneView`.
-        splits: (..., K + 1) view depths that do not fall.
+        splits: (..., K + 1) non-decreasing view depths.
 
     Returns:
         (..., K); inf for a cascade without receivers, or with all in one line along the light.
 
     Raises:
-        ValueError: splits that are not finite and positive, or that fall.
+        ValueError: what is no view; splits of a wrong shape, not finite and positive, or decreasing; several lights.
 
     Example:
         >>> import warpopt

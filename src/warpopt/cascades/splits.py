@@ -13,14 +13,17 @@ from .._words import whole_number
 
 MOST = 16
 """The largest number of cascades."""
+_DEPTHS = "finite, positive, non-decreasing depths"
 
 
 def uniform(near: Numbers, far: Numbers, count: int) -> Float[Array, "... K1"]:
     """Equal lengths.
 
     Args:
-        near, far: of what is split, 0 < near < far < inf, of any shape.
-        count: cascades, 1 to 16.
+        near, far, count: 0 < near < far < inf, of any shape; 1 to 16 cascades.
+
+    Returns:
+        (..., count + 1) depths from near to far.
 
     Raises:
         ValueError: arguments out of range.
@@ -43,9 +46,16 @@ def uniform_at(near: Float[Array, "..."], far: Float[Array, "..."], shares: Numb
 
 
 def logarithmic(near: Numbers, far: Numbers, count: int) -> Float[Array, "... K1"]:
-    """Equal ratios: optimal over a whole frustum in L-inf, for every light, metric and warp (theory2's Theorem 3).
+    """Equal ratios: optimal over a whole frustum in L-inf, for every light, metric and warp (docs/cascades.md).
 
-    Args and raises as `uniform`.
+    Args:
+        near, far, count: 0 < near < far < inf, of any shape; 1 to 16 cascades.
+
+    Returns:
+        (..., count + 1) depths from near to far.
+
+    Raises:
+        ValueError: arguments out of range.
 
     Example:
         >>> [round(float(z), 9) for z in logarithmic(1.0, 16.0, 4)]
@@ -70,7 +80,15 @@ def _along(near: Array, far: Array, shares: Numbers) -> tuple[Array, Array, Arra
 def practical(near: Numbers, far: Numbers, count: int, weight: float = 0.5) -> Float[Array, "... K1"]:
     """`weight` times the logarithmic split plus the rest of the uniform one (Zhang and others 2006).
 
-    Args and raises as `uniform`; weight in [0, 1].
+    Args:
+        near, far, count: 0 < near < far < inf, of any shape; 1 to 16 cascades.
+        weight: in [0, 1].
+
+    Returns:
+        (..., count + 1) depths from near to far.
+
+    Raises:
+        ValueError: arguments out of range.
 
     Example:
         >>> [round(float(z), 6) for z in practical(1.0, 9.0, 2)]
@@ -93,8 +111,11 @@ def fractions(near: Numbers, far: Numbers, shares: Sequence[float]) -> Float[Arr
         near, far: as for `uniform`.
         shares: increasing, in (0, 1).
 
+    Returns:
+        (..., len(shares) + 2) depths from near to far.
+
     Raises:
-        ValueError: shares that do not increase, or a first cascade that ends before near.
+        ValueError: near or far out of range; shares not in (0, 1), not increasing, or of a first end before near.
 
     Example:
         >>> fractions(0.1, 100.0, (0.1, 0.2, 0.5)).tolist()
@@ -103,9 +124,8 @@ def fractions(near: Numbers, far: Numbers, shares: Sequence[float]) -> Float[Arr
     near, far, _ = _checked(near, far, len(shares) + 1)
     (values,) = float_arrays(shares=list(shares))
     values = checked("shares", values, lambda v: (v > 0) & (v < 1), "numbers in (0, 1)")
-    return checked(
-        "shares", _of_far(near, far, values), _rising, "fractions that increase, and a first end beyond near"
-    )
+    words = "fractions that increase, and a first end beyond near"
+    return checked("shares", _of_far(near, far, values), lambda z: _rising(z, True), words)
 
 
 @jax.jit
@@ -115,15 +135,17 @@ def _of_far(near: Array, far: Array, shares: Array) -> Array:
 
 
 def stepped(splits: Numbers, step: float = 1.1, previous: Numbers | None = None) -> Float[Array, "... K1"]:
-    """Splits at powers of `step`, so that they move seldom, and by whole steps: the first down, the last up, others to
-    the nearest.
+    """Splits at powers of `step`, so that they move seldom: the first down, the last up, others to the nearest.
 
     Args:
-        splits: (..., K + 1), which do not fall.
+        splits: (..., K + 1), non-decreasing.
         step: > 1.
-        previous: what this gave for the frame before. A split stays there until it is a whole step away, the first and
-            the last until they no longer cover the range, or are two steps away: one at the border between two steps
-            does not move to and fro.
+        previous: the last frame's result. A split stays there until it is a whole step away, the first and the last
+            until they no longer cover the range, or are two steps away: one at the border between two steps does not
+            move to and fro.
+
+    Returns:
+        (..., K + 1) depths.
 
     Raises:
         ValueError: a step that is not above 1, splits that fall or are not positive, or another number of them before.
@@ -136,8 +158,7 @@ def stepped(splits: Numbers, step: float = 1.1, previous: Numbers | None = None)
     """
     splits, value = float_arrays(splits=splits, step=step)
     value = checked("step", value, lambda v: (v > 1) & (v < jnp.inf), "a number > 1")
-    rising = "finite positive depths that do not fall"
-    splits = checked("splits", splits, lambda z: (z > 0) & (z < jnp.inf) & _not_falling(z), rising)
+    splits = checked("splits", splits, lambda z: (z > 0) & (z < jnp.inf) & _rising(z), _DEPTHS)
     if previous is None:
         return _stepped(splits, value, None)
     (before,) = float_arrays(previous=previous)
@@ -172,9 +193,7 @@ def checked_splits(splits: Numbers, one: bool) -> Float[Array, "... K1"]:
         raise ValueError(f"splits: got shape {made.shape}, expected (..., K + 1) with K from 1 to {MOST}")
     if one and made.ndim != 1:
         raise ValueError(f"splits: got shape {made.shape}, expected (K + 1,) over a scene: one call for each")
-    return checked(
-        "splits", made, lambda z: (z > 0) & (z < jnp.inf) & _not_falling(z), "finite positive depths that do not fall"
-    )
+    return checked("splits", made, lambda z: (z > 0) & (z < jnp.inf) & _rising(z), _DEPTHS)
 
 
 def godot(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K1"]:
@@ -184,7 +203,14 @@ def godot(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K1"]
     of the range between the camera's near plane and `directional_shadow_max_distance`:
     servers/rendering/renderer_scene_cull.cpp at 0001ea78a2d5.
 
-    Args and raises as `uniform`; count 1, 2 or 4.
+    Args:
+        near, far, count: 0 < near < far < inf, of any shape; 1, 2 or 4 cascades.
+
+    Returns:
+        (..., count + 1) depths from near to far.
+
+    Raises:
+        ValueError: arguments out of range.
 
     Example:
         >>> [round(float(z), 3) for z in godot(0.05, 100.0)]
@@ -200,14 +226,20 @@ def unity(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K1"]
     2aa675fe9472. What they are fractions of is decided in the engine, whose source is not public: by documentation
     (page QualitySettings.shadowCascade4Split) positions "with respect to zero", here fractions of far from the eye.
 
-    Args and raises as `uniform`; count 1 to 4.
+    Args:
+        near, far, count: 0 < near < far < inf, of any shape; 1 to 4 cascades.
+
+    Returns:
+        (..., count + 1) depths from near to far.
+
+    Raises:
+        ValueError: arguments out of range.
 
     Example:
         >>> [round(float(z), 2) for z in unity(0.3, 150.0)]
         [0.3, 10.05, 30.0, 70.05, 150.0]
     """
-    menu = {1: (), 2: (0.25,), 3: (0.1, 0.3), 4: (0.067, 0.2, 0.467)}
-    return fractions(near, far, _menu("unity", count, menu))
+    return fractions(near, far, _menu("unity", count, {1: (), 2: (0.25,), 3: (0.1, 0.3), 4: (0.067, 0.2, 0.467)}))
 
 
 def unreal(near: Numbers, far: Numbers, count: int = 3, exponent: float = 3.0) -> Float[Array, "... K1"]:
@@ -216,7 +248,15 @@ def unreal(near: Numbers, far: Numbers, count: int = 3, exponent: float = 3.0) -
     By repute: the source is not public, and the documentation (page UDirectionalLightComponent, member
     CascadeDistributionExponent) says only that a larger exponent brings cascades nearer to the camera.
 
-    Args and raises as `uniform`; exponent >= 1.
+    Args:
+        near, far, count: 0 < near < far < inf, of any shape; 1 to 16 cascades.
+        exponent: >= 1.
+
+    Returns:
+        (..., count + 1) depths from near to far.
+
+    Raises:
+        ValueError: arguments out of range.
 
     Example:
         >>> [round(float(z), 2) for z in unreal(0.1, 200.0)]
@@ -241,7 +281,15 @@ def bevy(near: Numbers, far: Numbers, count: int = 4, first: float = 10.0) -> Fl
     crates/bevy_light/src/cascade.rs at commit 0876f40af54b. Its cascades overlap by a fifth of their near distance by
     default: `overlap` of `cascades.plan`.
 
-    Args and raises as `uniform`; near < first < far with more than one cascade.
+    Args:
+        near, far, count: 0 < near < far < inf, of any shape; 1 to 16 cascades.
+        first: near < first < far; without effect with one cascade.
+
+    Returns:
+        (..., count + 1) depths from near to far.
+
+    Raises:
+        ValueError: arguments out of range.
 
     Example:
         >>> [round(float(z), 2) for z in bevy(0.1, 150.0)]
@@ -270,7 +318,14 @@ def three(near: Numbers, far: Numbers, count: int = 3) -> Float[Array, "... K1"]
     are cut: CSMFrustum.js at 0255e15dd1d4. Its shader goes to the next map a near distance earlier, at z (1 - near/far)
     (CSMShader.js at 121f4071c053).
 
-    Args and raises as `uniform`.
+    Args:
+        near, far, count: 0 < near < far < inf, of any shape; 1 to 16 cascades.
+
+    Returns:
+        (..., count + 1) depths from near to far.
+
+    Raises:
+        ValueError: arguments out of range.
 
     Example:
         >>> [round(float(z), 2) for z in three(0.1, 1000.0)]
@@ -292,14 +347,20 @@ def filament(near: Numbers, far: Numbers, count: int = 4) -> Float[Array, "... K
     are fractions of: filament/src/ShadowMapManager.cpp at cb91a23a03f6, where the range is that of what is seen, or
     with `stable` the camera's.
 
-    Args and raises as `uniform`; count 1 to 4.
+    Args:
+        near, far, count: 0 < near < far < inf, of any shape; 1 to 4 cascades.
+
+    Returns:
+        (..., count + 1) depths from near to far.
+
+    Raises:
+        ValueError: arguments out of range.
 
     Example:
         >>> filament(1.0, 9.0).tolist()
         [1.0, 2.0, 3.0, 5.0, 9.0]
     """
-    shares = (0.125, 0.25, 0.5)
-    return _on_the_way(near, far, _menu("filament", count, {k + 1: shares[:k] for k in range(4)}))
+    return _on_the_way(near, far, _menu("filament", count, {k + 1: (0.125, 0.25, 0.5)[:k] for k in range(4)}))
 
 
 ENGINES = {"godot": godot, "unity": unity, "unreal": unreal, "bevy": bevy, "three": three, "filament": filament}
@@ -332,11 +393,7 @@ def _checked(near: Numbers, far: Numbers, count: int) -> tuple[Array, Array, np.
     return near, far, np.arange(count + 1) / count
 
 
-@jax.jit
-def _rising(z: Array) -> Array:
-    return jnp.concatenate([jnp.ones_like(z[..., :1], bool), z[..., 1:] > z[..., :-1]], -1)
-
-
-@jax.jit
-def _not_falling(z: Array) -> Array:
-    return jnp.concatenate([jnp.ones_like(z[..., :1], bool), z[..., 1:] >= z[..., :-1]], -1)
+@functools.partial(jax.jit, static_argnames="strictly")
+def _rising(z: Array, strictly: bool = False) -> Array:
+    rises = z[..., 1:] > z[..., :-1] if strictly else z[..., 1:] >= z[..., :-1]
+    return jnp.concatenate([jnp.ones_like(z[..., :1], bool), rises], -1)

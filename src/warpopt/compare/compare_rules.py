@@ -35,6 +35,9 @@ def compare_rules(
         objective: E_p in L-inf if None.
         min_eta: as in `optimal_warp`.
 
+    Returns:
+        A `Comparison`, whose arrays are (R, T) for R rules and T directions.
+
     Raises:
         ValueError: bad arguments, a traced view; a rule that is unknown, raises, or returns no `Warp` of theta's shape
             with eta in (0, 1] (`RuleError`). `solution.result` reports failed solves.

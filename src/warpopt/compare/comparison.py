@@ -116,6 +116,16 @@ class Comparison:
         Ordered directions are also searched between: kinks, jumps and poles are found to about 1e-10 of a step if an
         adjacent direction has the largest ratio, or if they are where the rule's domain begins or ends. Of ratios
         equal up to rounding, the first counts.
+
+        Args:
+            name: of a rule.
+            over: "optimum", "bound" or "no_warp".
+
+        Returns:
+            A `Worst`; its ratio is NaN where the rule is nowhere defined or no bound is known.
+
+        Raises:
+            ValueError: another `name` or `over`.
         """
         every = {"optimum": self.ratio, "bound": self.over_bound, "no_warp": self.over_no_warp}
         for what, got, known in (("name", name, self.names), ("over", over, tuple(every))):

@@ -1,6 +1,6 @@
 """Code for the optimal map of level ground: direction, eta and matrix from a camera's height, pitch and the sun.
 
-theory2's Theorem 8 in single precision (`theory.ground`), with the free lateral fit of Theorem 8b, which is closed
+(T61) of docs/theory.md in single precision (`theory.ground`), with the free lateral fit of (T62), which is closed
 there: the chord at depth z is proportional to z, so the map's sides are straight.
 """
 

@@ -22,6 +22,9 @@ def export_source(table: LambdaTable, language: str, prefix: str = "warpopt") ->
         language: "c", "cpp", "glsl", "glsl330", "glsl450", "hlsl" or "wgsl".
         prefix: prefix of all names in the code.
 
+    Returns:
+        The whole file.
+
     Raises:
         ValueError: not a table, another language, or an invalid prefix.
 
@@ -41,6 +44,9 @@ def export_closed_form(metric: str, language: str, prefix: str = "warpopt") -> s
     Args:
         metric: "p", "q" or "pxq".
         language, prefix: as for `export_source`.
+
+    Returns:
+        The whole file.
 
     Raises:
         ValueError: another metric or language, or an invalid prefix.

@@ -1,7 +1,7 @@
 """Code for cascades of a whole frustum: where to split it, and the optimal warp in each map.
 
-Equal ratios, theory2's Theorem 3, in the form of `cascades.splits.even_in_the_logarithm`; with bands its (b). The
-pieces are similar about the eye, so that the closed form of `closed_form` serves each.
+Equal ratios, in the form of `cascades.splits.even_in_the_logarithm`; with bands those of docs/cascades.md. The pieces
+are similar about the eye, so that the closed form of `closed_form` serves each.
 """
 
 from .closed_form import closed_form
@@ -78,7 +78,7 @@ _NOTES = (
     "etas 1. All etas of one frustum are equal up to rounding; for splits of your own call eta with each map's ends.",
     "Splits and starts are 0, and etas 1, where there are no such cascades: z_near <= 0, z_far <= z_near, infinite,",
     "or 3.4e38 times z_near, count that is not 1 to 16, overlap outside of [0, 1), z_far / z_near (1 - overlap) <= 1",
-    "with more than one map, NaN. Where theta or half_fov are none, splits are as they are and etas 1.",
+    "with more than one map, NaN. An invalid theta or half_fov changes no split; etas are then 1.",
     "",
 )
 

@@ -40,7 +40,7 @@ _NOTES = (
     "",
     "last: 1e9 along t and for maps without a warp; along s window_horizon(eta), eta of the map as it was fitted.",
     "With y down (Vulkan), take s from the top of the map, or pass the extents and the offset with the other sign.",
-    "In single precision fold an offset of more than a few maps in: fit the same map anew there, with offsets of 0.",
+    "In single precision keep offsets within a few maps: beyond, fit the same map anew there, with offsets of 0.",
     "padding: texels that are to stay free at each edge. ahead: the share of the free texels that lies on the side to",
     "which the map moves; 0.5 for the middle. Offsets are whole numbers, exact up to 2^24.",
     "When to fit anew for the error alone is the engine's choice: every so often compare with a fresh optimum.",

@@ -29,7 +29,7 @@ class CascadedMap:
 
     def __post_init__(self):
         if len(self.ends) != len(self.maps) or not (np.diff(self.ends) >= 0).all():
-            raise ValueError(f"ends: got {self.ends}, expected {len(self.maps)} depths that do not fall")
+            raise ValueError(f"ends: got {self.ends}, expected {len(self.maps)} non-decreasing depths")
         if not any(self.maps):
             raise ValueError("maps: got none, expected at least one that holds a receiver")
 

@@ -105,30 +105,54 @@ class LitScene:
         return np.stack(np.meshgrid(*self.corners.T, indexing="ij"), -1).reshape(-1, 3)
 
     def coordinates(self, points: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
-        """World points in (a, b, h)."""
+        """World points in (a, b, h).
+
+        Args:
+            points: (..., 3).
+        """
         return (np.asarray(points) - self.origin) @ self.axes.T
 
     def world(self, points: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
-        """Points in (a, b, h) in world space."""
+        """Points in (a, b, h) in world space.
+
+        Args:
+            points: (..., 3).
+        """
         return points @ self.axes + self.origin
 
     def tolerance(self, slope: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """By how much a single-precision place moves a depth on a surface of this slope, at most."""
+        """By how much a single-precision place moves a depth on a surface of this slope, at most.
+
+        Args:
+            slope: |dh/da| + |dh/db|.
+        """
         # Of a ray's two coordinates each is rounded to half a unit in its last place, as are three vertices.
         return 4 * _FLOAT32 * self.size * (1 + slope)
 
     def first_hits(self, places: Float[np.ndarray, "P 2"]) -> tuple[Float[np.ndarray, " P"], Int[np.ndarray, " P"]]:
-        """(depth h of the first surface on the ray at each place (a, b), its triangle); (inf, -1) for none."""
+        """(depth h of the first surface on the ray at each place (a, b), its triangle); (inf, -1) for none.
+
+        Args:
+            places: (P, 2).
+        """
         return self._cast(places, None, self._scene())
 
     def back_hits(self, places: Float[np.ndarray, "P 2"]) -> tuple[Float[np.ndarray, " P"], Int[np.ndarray, " P"]]:
-        """As `first_hits`, of the triangles whose winding turns them away from the light only."""
+        """As `first_hits`, of the triangles whose winding turns them away from the light only.
+
+        Args:
+            places: (P, 2).
+        """
         if self._backs is None:
             self._backs = self._build(np.flatnonzero(~self.outward))
         return self._cast(places, None, self._backs)
 
     def second_hits(self, places: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, " P"]:
-        """Depth of the second surface on each ray, beyond what rounding cannot tell from the first; inf for none."""
+        """Depth of the second surface on each ray, beyond what rounding cannot tell from the first; inf for none.
+
+        Args:
+            places: (P, 2).
+        """
         first, _ = self.first_hits(places)
         hit = np.isfinite(first)
         begin = np.where(hit, first, self._top) + 64 * _FLOAT32 * self.size
@@ -141,6 +165,7 @@ class LitScene:
         """(how many rays' lengths from the eye the first surface is in [near, far), its triangle); (inf, -1) for none.
 
         Args:
+            near, far: in rays' lengths.
             eye: where each ray begins, in (a, b, h).
             rays: directions in (a, b, h), of any length: with eye depth 1, the answer is the eye depth.
         """
@@ -158,7 +183,12 @@ class LitScene:
         return np.where(hit, np.maximum(depth, near), np.inf), np.where(hit, number, -1)
 
     def depth_at(self, which: Int[np.ndarray, " P"], places: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, " P"]:
-        """Depth h of each triangle's plane at a place, within the triangle's own range of depths."""
+        """Depth h of each triangle's plane at a place, within the triangle's own range of depths.
+
+        Args:
+            which: numbers of triangles.
+            places: (a, b).
+        """
         offset = places - self.points[which, 0, :2]
         with np.errstate(invalid="ignore", over="ignore"):
             depth = self.points[which, 0, 2] + (self.slopes[which] * offset).sum(1)
@@ -166,7 +196,11 @@ class LitScene:
         return np.clip(np.where(np.isfinite(depth), depth, middle), self.least[which], self.most[which])
 
     def is_inside(self, point: Float[np.ndarray, "3"]) -> bool:
-        """Whether the nearest surfaces before and behind a point (a, b, h), along the light, turn their backs to it."""
+        """Whether the nearest surfaces before and behind a point (a, b, h), along the light, turn their backs to it.
+
+        Args:
+            point: (3,).
+        """
         a, b, c = (self.points[:, k, :2] - point[:2] for k in range(3))
         turns = np.stack([p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((a, b), (b, c), (c, a))])
         on = np.flatnonzero((turns > 0).all(0) | (turns < 0).all(0))

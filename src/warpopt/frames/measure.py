@@ -61,6 +61,9 @@ def judge(frame: Frame, shown: Float[np.ndarray, " P"]) -> Verdict:
         frame: with its truth.
         shown: lit shares, as `ShadowMap.visibility` gives them.
 
+    Returns:
+        A `Verdict`; of NaN where the frame has no lit or no shadowed pixel.
+
     Raises:
         ValueError: not one number for each judged pixel.
     """
@@ -92,6 +95,9 @@ def measured(
         reading: filter and bias; nearest with one texel of slope by default.
         seed: of the shifts.
         groups: see `shifts`.
+
+    Returns:
+        A `Verdict`, as `judge`; `shown` is of one shift for filters that blur.
     """
     reading = reading or Reading()
     if groups > 1 and reading.blurs:
@@ -111,6 +117,12 @@ def texel_footprints(frame: Frame, shadow_map: ShadowMap) -> Float[np.ndarray, "
     """d(column, row)/d(texel) on each receiver: the edges of its texel on the screen, in pixels, the last index's t, s.
 
     By differences through the matrix's own projection, on the receivers' planes: perspective and projection error.
+
+    Args:
+        frame, shadow_map: of the same scene.
+
+    Returns:
+        (P, 2, 2), a texel's edge in each column.
     """
     steps = screen_steps(shadow_map, frame, shadow_map.texture(frame.places))
     return np.linalg.inv(steps * shadow_map.size[:, None])
@@ -122,6 +134,12 @@ def predicted_wrong(frame: Frame, shadow_map: ShadowMap) -> float:
     A texel that is a parallelogram on the screen, with extents a and b across an edge, moves the edge by |u a + v b|, u
     and v uniform in [-1/2, 1/2]: in the mean max/4 + min^2/(12 max) of |a|, |b|. Its length is the total variation of
     the truth, from differences over three pixels, with edges at silhouettes counted like the others.
+
+    Args:
+        frame, shadow_map: of the same scene.
+
+    Returns:
+        Judged pixels, not a share.
     """
     lit = frame.image(frame.lit.astype(float), 0.0)
     whole = ndimage.minimum_filter(frame.judged.astype(np.uint8), 3).astype(bool)

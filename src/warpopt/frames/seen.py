@@ -63,14 +63,23 @@ class Frame:
         return np.asarray(ndimage.distance_transform_edt(~self.true_edges))
 
     def only(self, choose: Bool[np.ndarray, " P"]) -> "Frame":
-        """The frame with some of its judged receivers alone, as what a map is read for."""
+        """The frame with some of its judged receivers alone, as what a map is read for.
+
+        Args:
+            choose: which of the P judged pixels.
+        """
         return dataclasses.replace(
             self, places=self.places[choose], heights=self.heights[choose], slopes=self.slopes[choose],
             triangles=self.triangles[choose], lit=self.lit[choose],
         )  # fmt: skip
 
     def image(self, values: np.ndarray, fill: float | bool) -> np.ndarray:
-        """(H, W): values of the judged pixels, and a fill elsewhere."""
+        """(H, W): values of the judged pixels, and a fill elsewhere.
+
+        Args:
+            values: (P,), of the judged pixels.
+            fill: of all others.
+        """
         made = np.full(self.judged.shape, fill, np.asarray(values).dtype)
         made[self.judged] = values
         return made
@@ -88,6 +97,9 @@ def see(scene: LitScene, camera: SceneCamera, height: int, width: int) -> Frame:
         scene: triangles and light.
         camera: in the same world.
         height, width: pixels.
+
+    Returns:
+        A `Frame`.
 
     Raises:
         ValueError: no pixels.

@@ -110,15 +110,27 @@ class ShadowMap:
         self.depth_row, self.w_row = turned[2], turned[3]
 
     def texture(self, places: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, "P 2"]:
-        """(t, s) of places (a, b), in [0, 1] inside the map."""
+        """(t, s) of places (a, b), in [0, 1] inside the map.
+
+        Args:
+            places: (P, 2).
+        """
         return _projected(self.plane, places)[0]
 
     def place(self, texture: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, "P 2"]:
-        """Places (a, b) of (t, s)."""
+        """Places (a, b) of (t, s).
+
+        Args:
+            texture: (P, 2), (t, s).
+        """
         return _projected(self.back, texture)[0]
 
     def stretch(self, texture: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, "P 2 2"]:
-        """d(a, b)/d(t, s), the last index for t and s: the texel's edges on the light plane, times the map's size."""
+        """d(a, b)/d(t, s), the last index for t and s: the texel's edges on the light plane, times the map's size.
+
+        Args:
+            texture: (P, 2), (t, s).
+        """
         places, w = _projected(self.back, texture)
         made = np.empty((len(texture), 2, 2))
         for i, j in np.ndindex(2, 2):
@@ -126,7 +138,11 @@ class ShadowMap:
         return made
 
     def stored(self, places: Float[np.ndarray, "P 2"], heights: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
-        """The map's depth z/w of points, in [-1, 1] for receivers."""
+        """The map's depth z/w of points, in [-1, 1] for receivers.
+
+        Args:
+            places, heights: (a, b) and h of P points.
+        """
         a, b = places[:, 0], places[:, 1]
         z = a * self.depth_row[0] + b * self.depth_row[1] + heights * self.depth_row[2] + self.depth_row[3]
         return z / (a * self.w_row[0] + b * self.w_row[1] + self.w_row[3])
@@ -142,8 +158,13 @@ class ShadowMap:
         """The lit share that each judged pixel reads from the map, 0 or 1 for "nearest".
 
         Args:
+            frame: of the same scene.
+            reading: filter and bias.
             shift: by how many texels the grid lies off its place for each pixel: with random ones the error is the
                 mean over where the grid happens to lie.
+
+        Returns:
+            (P,) in [0, 1].
         """
         shift = np.zeros((len(frame.places), 2)) if shift is None else shift
         texture = self.texture(frame.places)

@@ -96,7 +96,11 @@ class DepthBuffer(OneByOne):
         self.weights = Weights(weights, lit, depth.shape)
 
     def eye_depth(self, camera: Camera) -> Float[Array, "H W"]:
-        """Eye depth of each pixel; inf for background."""
+        """Eye depth of each pixel; inf for background.
+
+        Args:
+            camera: whose planes encoded depths are of.
+        """
         seen, z = self._decoded(self.depth, camera)
         return jnp.where(seen, z, jnp.inf)
 

@@ -50,7 +50,7 @@ class Sides(eqx.Module):
 
 
 class FreeFit(eqx.Module):
-    """The convex hull of receivers in (delta, x - axis), for a map whose axis may lie anywhere (theory2's Theorem 8b).
+    """The convex hull of receivers in (delta, x - axis), for a map whose axis may lie anywhere (T62).
 
     Attributes:
         depth: of the hull's vertices, and others.
@@ -101,7 +101,7 @@ class LateralFit(NamedTuple):
     right: Float[Array, ""]
 
     def shear(self, depth: LightDepth, x: Float[Array, "..."], eta: Float[Array, ""]) -> Float[Array, "..."]:
-        """dx/ddelta at constant t, for x from W's axis: theory2 section 0."""
+        """dx/ddelta at constant t, for x from W's axis (T62)."""
         return self.m1 + (x - self.m0 - self.m1 * depth.delta) * (1 - eta) / depth.blend(eta)
 
 
@@ -147,7 +147,11 @@ class Footprint(eqx.Module):
     free: FreeFit | None = None
 
     def lateral_fit(self, eta: Float[Array, ""]) -> LateralFit:
-        """The map across the warp, for one eta."""
+        """The map across the warp, for one eta.
+
+        Args:
+            eta: one number.
+        """
         if self.free is None:
             zero = jnp.zeros_like(eta)
             return LateralFit(zero, zero, *self.half_widths(eta))
@@ -159,20 +163,34 @@ class Footprint(eqx.Module):
         return LateralFit(m0, m1, *(jnp.where(there.any(), v, 0) for v in (left, right)))
 
     def half_widths(self, eta: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """(largest (axis - x)/A, largest (x - axis)/A): the map's half widths on both sides of W's axis."""
+        """(largest (axis - x)/A, largest (x - axis)/A): the map's half widths on both sides of W's axis.
+
+        Args:
+            eta: one number.
+        """
         blend = self.sides.depth.blend(eta)
         return (self.sides.left / blend).max(), (self.sides.right / blend).max()
 
     def coordinates(
         self, frame: LightFrame, eye_points: Float[Array | np.ndarray, "... 3"]
     ) -> tuple[LightDepth, Float[Array, "..."], Float[Array, "..."]]:
-        """(depth along Z_w as delta and 1 - delta, x from W's axis, eye depth z) of points in eye coordinates."""
+        """(depth along Z_w as delta and 1 - delta, x from W's axis, eye depth z) of points in eye coordinates.
+
+        Args:
+            frame: W's axes.
+            eye_points: (..., 3).
+        """
         d = frame.depth(eye_points)
         depth = LightDepth((d - self.start) / self.mu, (self.start + self.mu - d) / self.mu)
         return depth, frame.lateral(eye_points) - self.axis, frame.eye_depth(eye_points)
 
     def with_moments(self, moments: Moments, unit: Float[Array, ""]) -> "Footprint":
-        """The same, for an L_P norm."""
+        """The same, for an L_P norm.
+
+        Args:
+            moments: of the norm.
+            unit: their unit of length.
+        """
         return eqx.tree_at(lambda f: (f.moments, f.unit), self, (moments, unit), is_leaf=lambda v: v is None)
 
     def weighted_by_depth(self, fallback: Bool[Array, ""]) -> "Footprint":
@@ -180,7 +198,11 @@ class Footprint(eqx.Module):
         return eqx.tree_at(lambda f: f.depth_weighted, self, fallback, is_leaf=lambda leaf: leaf is None)
 
     def lost_where(self, endless: Bool[Array, ""]) -> "Footprint":
-        """The same, or NaN where the receivers are unbounded, so that no finite result appears."""
+        """The same, or NaN where the receivers are unbounded, so that no finite result appears.
+
+        Args:
+            endless: whether they are.
+        """
         mu, flat = jnp.where(endless, jnp.nan, self.mu), self.flat & ~endless
         return eqx.tree_at(lambda f: (f.mu, f.flat), self, (mu, flat))
 

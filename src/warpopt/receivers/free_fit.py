@@ -1,4 +1,4 @@
-"""The free fit of a map across the warp: theory2's Theorem 8b.
+"""The free fit of a map across the warp: (T62) of docs/theory.md.
 
 The axis of a map may be any line x = m0 + m1 delta, not only one through the eye. The width is then
 

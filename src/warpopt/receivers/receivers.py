@@ -24,10 +24,11 @@ class Receivers(eqx.Module):
     """Receivers of any kind. Code outside this package does not depend on the kind.
 
     Your own kind is an `equinox.Module` derived from this class. `optimal_warp`, `error_norm` and `shadow_matrix` need
-    only `footprint` (`warpopt.receivers.bins` builds it from extents of groups, and moments for L_P norms). Without the
-    other two methods, rules and lower bounds over it raise an error. What your methods return is checked: a wrong type,
-    shape or value is a `ValueError` that names it (wrong values in your own compiled program are
-    `Outcome.not_finite`). Outside such a program they are called once for each solve, or once by `SceneView.reduced`.
+    only `footprint` (`warpopt.receivers.bins` builds it from extents of groups, and moments for L_P norms). Rules over
+    it also need `depth_extent`, lower bounds `depth_profile`; the other methods say what they are for. What your
+    methods return is checked: a wrong type, shape or value is a `ValueError` that names it (wrong values in your own
+    compiled program are `Outcome.not_finite`). Outside such a program they are called once for each solve, or once by
+    `SceneView.reduced`.
 
     Attributes:
         measures: the measures that L_P norms over this kind accept; a set is weighted by its weights instead.
@@ -62,12 +63,26 @@ class Receivers(eqx.Module):
         """The data that a warp needs, with moments if the objective is an L_P norm.
 
         Called under `jax.jit`.
+
+        Args:
+            camera: of the view.
+            frame: W's axes, in eye coordinates.
+            objective: whose moments or samples are needed.
+
+        Returns:
+            A `Footprint`, in the world's units.
         """
 
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """(least, largest) eye depth of the visible receivers, used by rules as n and f; (inf, -inf) if none.
 
         Called under `jax.jit`.
+
+        Args:
+            camera: of the view.
+
+        Returns:
+            Two numbers, in the world's units.
 
         Raises:
             ValueError: this kind has none.
@@ -78,6 +93,12 @@ class Receivers(eqx.Module):
         """(points in eye coordinates that stand for the receivers, how much each counts), for directions from them.
 
         Called under `jax.jit`.
+
+        Args:
+            camera: of the view.
+
+        Returns:
+            (N, 3), in the world's units, and (N,), >= 0; 0 for entries that stand for nothing.
 
         Raises:
             ValueError: this kind has none.
@@ -90,6 +111,13 @@ class Receivers(eqx.Module):
         """The receivers one by one, for means over maps that were not fitted to them.
 
         Called under `jax.jit`.
+
+        Args:
+            camera: of the view.
+            objective: the mean.
+
+        Returns:
+            A `Counted` of N receivers.
 
         Raises:
             ValueError: this kind has none.
@@ -104,6 +132,13 @@ class Receivers(eqx.Module):
 
         Called under `jax.jit`, and returned from there: a pytree.
 
+        Args:
+            camera: of the view.
+            objective: the mean.
+
+        Returns:
+            A function of depths of any shape.
+
         Raises:
             ValueError: as `counted`.
         """
@@ -116,6 +151,13 @@ class Receivers(eqx.Module):
         """The same receivers, or fewer that stand for them, whose footprint is cheap enough for many directions.
 
         What fits a map of the sketch fits every receiver. Called under `jax.jit`.
+
+        Args:
+            camera: of the view.
+            objective: whose norm is searched.
+
+        Returns:
+            Receivers, of any kind.
         """
         return self
 
@@ -123,6 +165,13 @@ class Receivers(eqx.Module):
         """(a camera, receivers) of what lies between two eye depths, for cascades: here a camera with other planes.
 
         Called under `jax.jit`.
+
+        Args:
+            camera: of the view.
+            near, far: 0 < near <= far; far may be inf.
+
+        Returns:
+            Both, for the view of one cascade.
         """
         planes = (jnp.asarray(v, camera.near.dtype) for v in (near, far))
         return eqx.tree_at(lambda c: (c.near, c.far), camera, tuple(planes)), self

@@ -73,9 +73,14 @@ def edge_weights(
         last_camera: the camera of the frame that `lit` is from: its edges are carried over by the receivers' places.
             Pixels that it did not see have weight 0.
 
+    Returns:
+        An `EdgeWeights` of (H, W) weights and (H, W, 2) normals, as `DepthBuffer` takes it.
+
     Raises:
-        ValueError: a mask of another size than the receivers', a missing argument, or two cameras whose views share no
+        ValueError: a mask of another size than the receivers', or a file that is no mask; a missing argument; an
+            orthographic camera with a map or `last_camera`; `last_camera` with a map; two cameras whose views share no
             receiver (traced values are not checked).
+        OSError: a mask file that cannot be read.
 
     Example:
         >>> import numpy as np
@@ -258,8 +263,8 @@ _UNKNOWN = 0.02  # of the map's depth: the bias of pixels without a neighbour on
 def _step(place: Float[Array, "H W K"], nearness: Float[Array, "H W"], axis: int) -> tuple[Array, Array]:
     """(the change of place from a pixel to the next on its surface, whether there is one).
 
-    Over a plane 1/z is linear in the pixel. Of the two pixels beside, the one is taken towards which it is closer to
-    that, so that differences cross neither silhouettes nor creases; none where it is far from that towards both.
+    Over a plane 1/z is linear in the pixel. Of the two neighbours the one is taken towards which 1/z is closer to
+    linear, so that differences cross neither silhouettes nor creases; none where both are far from linear.
     """
     index = np.expand_dims(np.arange(nearness.shape[axis]), 1 - axis)
 

@@ -52,17 +52,29 @@ class ClipSpace:
 
     @classmethod
     def opengl(cls, *, reversed_z: bool = False, row_vectors: bool = False) -> "ClipSpace":
-        """z in [-1, 1], y up."""
+        """z in [-1, 1], y up.
+
+        Args:
+            reversed_z, row_vectors: as for the class.
+        """
         return cls(False, False, reversed_z, row_vectors)
 
     @classmethod
     def direct3d(cls, *, reversed_z: bool = False, row_vectors: bool = True) -> "ClipSpace":
-        """z in [0, 1], y up; row vectors by default."""
+        """z in [0, 1], y up; row vectors by default.
+
+        Args:
+            reversed_z, row_vectors: as for the class.
+        """
         return cls(True, False, reversed_z, row_vectors)
 
     @classmethod
     def vulkan(cls, *, reversed_z: bool = False, row_vectors: bool = False) -> "ClipSpace":
-        """z in [0, 1], y down."""
+        """z in [0, 1], y down.
+
+        Args:
+            reversed_z, row_vectors: as for the class.
+        """
         return cls(True, True, reversed_z, row_vectors)
 
 
@@ -90,13 +102,17 @@ def shadow_matrix(
         casters: the shadow casters: a `ConvexBody` that contains them, such as a box; triangles (T, 3, 3); or points
             (N, 3) that bound them, such as a box's corners, which stand for their convex hull. Only the part in the
             receivers' sweep towards the light counts: the map's depth begins where that does. Traced points stand for
-            the body between 26 planes about them, which is a box's itself and somewhat larger than another hull:
+            the body between 26 planes about them, which is exact for a box and a little larger for others:
             `MapDepth.bounded` says so. By default the depth begins at the receivers.
         depth_clamp: whether nearer casters are clamped to the map's depth when they are drawn, as Vulkan's
             depthClampEnable, Direct3D's DepthClipEnable = FALSE and OpenGL's GL_DEPTH_CLAMP do ("pancaking"): the depth
             begins at the receivers, whatever the casters.
         padding: fractions of the map, along (t, s), left free at each edge: (1/width, 1/height) leaves a texel for
             filters. For maps that stay where they are over time see `StableWindow`.
+
+    Returns:
+        (4, 4), for column vectors unless `clip_space` says otherwise.
+
     Raises:
         ValueError: for casters of a wrong shape or not finite, a padding outside [0, 1/2), or an apex that is not
             before the receivers (a matrix of NaN when traced); casters so far before the receivers that the depth

@@ -24,7 +24,7 @@ def sphere_matrix(
     """World to clip space of an unwarped square map about the sphere around what the camera can see.
 
     Its size is that of the frustum, its axes are the light's alone, and its corner lies at whole texels: a camera that
-    moves and turns changes no texel. One texel is left over for that, so that the sphere is in the map wherever it is.
+    moves and turns changes no texel. One spare texel keeps the sphere in the map wherever it is.
     The price is the sphere's: see `warpopt.cascades.sphere_texels`.
 
     Args:
@@ -33,6 +33,9 @@ def sphere_matrix(
         clip_space, casters, depth_clamp: as for `shadow_matrix`.
         near, far: the view depths of the piece of the camera's frustum that the sphere is about; the camera's planes,
             by default; the farthest receiver for far = inf.
+
+    Returns:
+        (4, 4), as `shadow_matrix`.
 
     Raises:
         ValueError: texels that are no whole number >= 2, depths without 0 < near < far, or as `shadow_matrix`.

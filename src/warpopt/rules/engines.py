@@ -28,6 +28,16 @@ def lispsm_paper(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     Equal E_p at both ends of the line through (y_min, z = n) along Z_w, which reaches eye depth n + d s. Wimmer,
     Scherzer and Purgathofer 2004; VN and `lispsm` use f instead of n + d s, which is equal only at theta = pi/2.
 
+    Args:
+        frustum: a `ViewFrustum` of any shape, or a `Body`.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
+
+    Returns:
+        A `Warp` of the joint shape.
+
+    Raises:
+        ValueError: theta outside [0, pi].
+
     Example:
         >>> import warpopt
         >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
@@ -48,12 +58,16 @@ def filament(frustum: ViewFrustum | Body, theta: Numbers, near_hint: Numbers = 1
     @0362f36, which does not warp in its `stable` mode.
 
     Args:
-        frustum, theta: as for every rule.
+        frustum: a `ViewFrustum` of any shape, or a `Body`.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
         near_hint: eye depth below which shadows do not matter, a length in the frustum's units (the engine's: m).
         far_hint: eye depth above which shadows do not matter.
 
+    Returns:
+        A `Warp` of the joint shape.
+
     Raises:
-        ValueError: also for hints that are not finite, a negative near_hint, or far_hint <= 0.
+        ValueError: theta outside [0, pi]; hints that are not finite, a negative near_hint, or far_hint <= 0.
 
     Example:
         >>> import warpopt
@@ -82,6 +96,16 @@ def osg_lispsm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     mixes units (z_n is a distance along Z_w, d s an eye depth); see `osg_lispsm_corrected`.
     src/osgShadow/LightSpacePerspectiveShadowMap.cpp @2e4ae2e.
 
+    Args:
+        frustum: a `ViewFrustum` of any shape, or a `Body`.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
+
+    Returns:
+        A `Warp` of the joint shape.
+
+    Raises:
+        ValueError: theta outside [0, pi].
+
     Example:
         >>> import warpopt
         >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5235987755982988)
@@ -104,6 +128,16 @@ def osg_lispsm_corrected(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     Undefined where y_min is too far behind the eye (theta < phi); `lispsm_paper` measures the same N from y_min and
     always gives a warp.
 
+    Args:
+        frustum: a `ViewFrustum` of any shape, or a `Body`.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
+
+    Returns:
+        A `Warp` of the joint shape.
+
+    Raises:
+        ValueError: theta outside [0, pi].
+
     Example:
         >>> import warpopt
         >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
@@ -122,11 +156,15 @@ def osg_vdsm(frustum: ViewFrustum | Body, theta: Numbers, near_far_ratio: Number
     src/osgShadow/ViewDependentShadowMap.cpp:1959 @2e4ae2e.
 
     Args:
-        frustum, theta: as for every rule.
+        frustum: a `ViewFrustum` of any shape, or a `Body`.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
         near_far_ratio: r, the engine's "minimum shadow map near far ratio".
 
+    Returns:
+        A `Warp` of the joint shape.
+
     Raises:
-        ValueError: also for near_far_ratio <= 0.
+        ValueError: theta outside [0, pi], or near_far_ratio <= 0.
 
     Example:
         >>> import warpopt
@@ -147,6 +185,17 @@ def osg_vdsm(frustum: ViewFrustum | Body, theta: Numbers, near_far_ratio: Number
 def openmw(frustum: ViewFrustum | Body, theta: Numbers, near_far_ratio: Numbers = 0.25) -> Warp:
     """OpenMW: `osg_vdsm` with r = 0.25, a user setting. components/sceneutil/mwshadowtechnique.cpp:2953 @e47ad77.
 
+    Args:
+        frustum: a `ViewFrustum` of any shape, or a `Body`.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
+        near_far_ratio: r, > 0.
+
+    Returns:
+        A `Warp` of the joint shape.
+
+    Raises:
+        ValueError: theta outside [0, pi], or near_far_ratio <= 0.
+
     Example:
         >>> import warpopt
         >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
@@ -164,12 +213,16 @@ def ogre(frustum: ViewFrustum | Body, theta: Numbers, adjust: Numbers = 0.1, thr
     OgreMain/src/OgreShadowCameraSetupLiSPSM.cpp @00dd9a5.
 
     Args:
-        frustum, theta: as for every rule.
+        frustum: a `ViewFrustum` of any shape, or a `Body`.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
         adjust: k, the engine's "optimal adjust factor".
         threshold: radians from the view direction within which t grows.
 
+    Returns:
+        A `Warp` of the joint shape.
+
     Raises:
-        ValueError: also for adjust <= 0, or a threshold outside (0, pi/2).
+        ValueError: theta outside [0, pi], adjust <= 0, or a threshold outside (0, pi/2).
 
     Example:
         >>> import warpopt
@@ -196,8 +249,17 @@ def veloren(frustum: ViewFrustum | Body, theta: Numbers, at_phi: Numbers = -0.2,
     With w = min(f/n - 1, d s / n): lambda = d (1 + sqrt(1 + w) - e w) / (w (e + 1)). e = -1 below phi/3, rises as
     1 - cos to at_phi at phi, then as sin to 0 at phi + span (pi/2 - phi). voxygen/src/scene/mod.rs @d36ddcb.
 
+    Args:
+        frustum: a `ViewFrustum` of any shape, or a `Body`.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
+        at_phi: e at theta = phi, in (-1, 0].
+        span: share of the way from phi to pi/2 over which e rises to 0, in (0, 1].
+
+    Returns:
+        A `Warp` of the joint shape.
+
     Raises:
-        ValueError: also for at_phi outside (-1, 0], or span outside (0, 1].
+        ValueError: theta outside [0, pi], at_phi outside (-1, 0], or span outside (0, 1].
 
     Example:
         >>> import warpopt
@@ -230,13 +292,17 @@ def tsm_xray(
     uses that of a point on the view axis. src/Layers/xrRender_R2/r2_R_sun.cpp @ec397af.
 
     Args:
-        frustum, theta: as for every rule.
+        frustum: a `ViewFrustum` of any shape, or a `Body`.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
         delta: depth fraction of the focus.
         xi: where the focus is placed, in [-1, 1] from the far end of the map.
         cutoff: |cos(theta)| from which the map is uniform.
 
+    Returns:
+        A `Warp` of the joint shape.
+
     Raises:
-        ValueError: also for delta outside (0, 1), xi outside (-1, 1), or cutoff outside (0, 1].
+        ValueError: theta outside [0, pi], delta outside (0, 1), xi outside (-1, 1), or cutoff outside (0, 1].
 
     Example:
         >>> import warpopt
@@ -259,6 +325,17 @@ def tsm_dagor(
 
     The engine then tries 15 values of xi in (-0.67, 0) each frame and keeps the one that gives a box of interest the
     largest area; this is its initial value.
+
+    Args:
+        frustum: a `ViewFrustum` of any shape, or a `Body`.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
+        delta, xi, cutoff: as for `tsm_xray`: in (0, 1), (-1, 1) and (0, 1].
+
+    Returns:
+        A `Warp` of the joint shape.
+
+    Raises:
+        ValueError: theta, delta, xi or cutoff out of its range.
 
     Example:
         >>> import warpopt

@@ -19,6 +19,16 @@ from .body import Body, axis_depths, camera_planes, parameter, space_of, warp_of
 def ssm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     """Standard shadow maps: no warp, lambda = inf.
 
+    Args:
+        frustum: a `ViewFrustum` of any shape, or a `Body`.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
+
+    Returns:
+        A `Warp` of the joint shape.
+
+    Raises:
+        ValueError: theta outside [0, pi].
+
     Example:
         >>> import warpopt
         >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
@@ -34,6 +44,16 @@ def psm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
 
     E_q is about 1 and E_p about z on the view axis: the generalised linear distribution. Undefined for theta <= phi.
 
+    Args:
+        frustum: a `ViewFrustum` of any shape, or a `Body`.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
+
+    Returns:
+        A `Warp` of the joint shape.
+
+    Raises:
+        ValueError: theta outside [0, pi].
+
     Example:
         >>> import warpopt
         >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
@@ -47,6 +67,16 @@ def psm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
 
 def lispsm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     """Light space perspective shadow maps: lambda = (n + sqrt(f n)) / sin(theta), VN section 2.1.
+
+    Args:
+        frustum: a `ViewFrustum` of any shape, or a `Body`.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
+
+    Returns:
+        A `Warp` of the joint shape.
+
+    Raises:
+        ValueError: theta outside [0, pi].
 
     Example:
         >>> import warpopt
@@ -65,6 +95,16 @@ def scherzer(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
 
     n is the camera's near distance, for a `Body` too; mu, the paper's Dz, is the body's extent along Z_w. Can be
     negative for theta < phi.
+
+    Args:
+        frustum: a `ViewFrustum` of any shape, or a `Body`.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
+
+    Returns:
+        A `Warp` of the joint shape.
+
+    Raises:
+        ValueError: theta outside [0, pi].
 
     Example:
         >>> import warpopt
@@ -86,6 +126,16 @@ def minimum_norm(frustum: ViewFrustum | Body, theta: Numbers) -> Warp:
     The minimiser of the axis' L-inf norm is `optimal_warp` with `Objective("p", "inf", "axis")`; it differs where only
     the near end is stationary.
 
+    Args:
+        frustum: a `ViewFrustum` of any shape, or a `Body`.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
+
+    Returns:
+        A `Warp` of the joint shape.
+
+    Raises:
+        ValueError: theta outside [0, pi].
+
     Example:
         >>> import warpopt
         >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
@@ -102,8 +152,16 @@ def tsm(frustum: ViewFrustum | Body, theta: Numbers, kappa: Numbers = 0.5, xi: N
 
     lambda = mu d_k (1 - xi) / (xi mu - d_k), d_k the point's light-space depth; undefined where d_k is beyond xi mu.
 
+    Args:
+        frustum: a `ViewFrustum` of any shape, or a `Body`.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
+        kappa, xi: in (0, 1), of shapes that broadcast.
+
+    Returns:
+        A `Warp` of the joint shape.
+
     Raises:
-        ValueError: kappa or xi outside (0, 1).
+        ValueError: theta outside [0, pi]; kappa or xi outside (0, 1).
 
     Example:
         >>> import warpopt
@@ -126,8 +184,16 @@ def tsm_alternative(frustum: ViewFrustum | Body, theta: Numbers, kappa: Numbers 
     eta^2 A(m) / (A(p) A(q))^2 is the root of a cubic with one sign change (VN's factor 4 is 2; the argmax is the same).
     No warp where (1 - z_k / f) tan(theta) <= tan(phi) / 3. Not defined for theta > phi.
 
+    Args:
+        frustum: a `ViewFrustum`, of any shape.
+        theta: between light and view direction, radians in [0, pi], of a shape that broadcasts.
+        kappa: in (0, 1), of a shape that broadcasts.
+
+    Returns:
+        A `Warp` of the joint shape.
+
     Raises:
-        ValueError: kappa outside (0, 1).
+        ValueError: a `Body`; theta outside [0, pi]; kappa outside (0, 1).
 
     Example:
         >>> import warpopt

@@ -5,7 +5,7 @@ Up to a constant, the logarithm of the norm in u = log(eta) is
     f(u) = top(u) - alpha u + beta log(width(u))
 
 where top is the largest k log A - r log z among a few receivers (L-inf), or the log of a polynomial's P-th root (L_P);
-for "storage" it is a sum of two such maxima (theory2's Theorem 4). It is pseudo-convex: the sign of its slope changes
+for "storage" it is a sum of two such maxima (T59). It is pseudo-convex: the sign of its slope changes
 once, so the root finder needs only the sign. The condition at the root (a stationary point, a tie of two receivers, a
 kink of the width) is then settled in `pieces`.
 """

@@ -60,8 +60,11 @@ def optimal_warp(
             integer, which are integrated numerically (default: 64, and more for large orders, whose integrands have
             sharp peaks; above an order of about 100 pass more, or the outcome is `inaccurate`). If given, it forces
             quadrature for every L_P norm.
-        previous: over a scene with `warp_direction="steady"`, the frame before's solution: a map without a warp keeps
-            its axes where others are better by less than a hundredth.
+        previous: over a scene with `warp_direction="steady"`, the last frame's solution: a map without a warp keeps
+            its axes unless others are better by 1 %.
+
+    Returns:
+        A `Solution` of the view's shape over a `FrustumView`; a `SceneSolution` over a `SceneView`.
 
     Raises:
         ValueError: bad arguments, or a norm whose optimum could not be certified.
@@ -112,6 +115,9 @@ def error_norm(
         view, objective, quadrature_nodes: as for `optimal_warp`.
         warp: of any shape; over a frustum it must broadcast with the view. A warp made for another body keeps its
             apex: see `Warp.over`.
+
+    Returns:
+        The norm, of the joint shape of view and warp.
 
     Raises:
         ValueError: as `optimal_warp`, or an apex that is not before the receivers (NaN when traced).

@@ -63,14 +63,14 @@ def settled_scene(view: SceneView, objective: Objective) -> SceneView:
 LEAST_ETA = 1e-4
 """The smallest eta where nobody asks for another: for metrics whose infimum may be at 0."""
 
-_AS_GOOD = 0.01  # of the error: axes that are this much worse are kept from the frame before
+_AS_GOOD = 0.01  # of the error: axes that are this much worse are kept from the last frame
 
 
 @functools.partial(jax.jit, static_argnames=("objective",))
 def solve_scene(
     view: SceneView, objective: Objective, min_eta: ArrayLike = LEAST_ETA, previous: Float[Array, "3"] | None = None
 ) -> SceneSolution:
-    """The optimum of one view; `previous` is the direction of the frame before, for "steady"."""
+    """The optimum of one view; `previous` is the last frame's direction, for "steady"."""
     # One dtype, the camera's: a float64 limit would widen a loop's carry.
     min_eta = jnp.asarray(min_eta, view.camera.position.dtype)
     if view.warp_direction == "steady":
@@ -94,7 +94,7 @@ def solve_scene(
 def _steady(view: SceneView, objective: Objective, min_eta: Array, previous: Array | None) -> SceneSolution:
     """The optimum along the view, or no warp along the screen's columns or rows if its error is no larger.
 
-    The least error is continuous; between axes of nearly equal error those of the frame before are kept.
+    The least error is continuous; between axes of nearly equal error those of the last frame are kept.
     """
     ahead = view.frame_along("view")
     vectors = [jnp.array([0.0, -1.0, 0.0]), jnp.array([1.0, 0.0, 0.0])]

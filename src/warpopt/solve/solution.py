@@ -65,8 +65,8 @@ class SceneSolution(eqx.Module):
         direction: (3,) world unit vector of W's axis, across the light.
         shares: what the map's texels along (t, s) are multiplied by for its aspect, at as many texels.
         unturned: where the direction was searched, the minimal norm of a map along the view; else `value`.
-        directions: how many directions were compared: `value` is global in eta for the one that it is for; among
-            directions it is the best of these, the last of which refine the best ones of 32 that are even.
+        directions: how many directions were compared, of which the last refine the best of 32 even ones; `value` is the
+            global minimum in eta along the chosen one, and the least of those compared.
 
     Example:
         >>> import warpopt
@@ -95,7 +95,17 @@ class SceneSolution(eqx.Module):
     def coordinates(
         self, eye_points: Float[Array | np.ndarray, "... 3"]
     ) -> tuple[LightDepth, Float[Array, "..."], Float[Array, "..."]]:
-        """(depth as delta and 1 - delta, x from W's axis, eye depth z) of points in eye coordinates."""
+        """(depth as delta and 1 - delta, x from W's axis, eye depth z) of points in eye coordinates.
+
+        Args:
+            eye_points: (..., 3), as of `Camera.to_eye`.
+
+        Returns:
+            A `LightDepth`, x and z, each (...).
+
+        Raises:
+            ValueError: another shape.
+        """
         return self.footprint.coordinates(self.frame, points_of(self.footprint.mu.dtype, "eye_points", eye_points))
 
     def aliasing_error(
@@ -109,6 +119,9 @@ class SceneSolution(eqx.Module):
             eye_points: (..., 3).
             metric: "p", "q", "pxq", "max", "edge", "band" or a `Metric`.
             eta: in (0, 1], a number.
+
+        Returns:
+            (...), in pixels per texel if the view has resolutions, else in the units of `theory.aliasing_error`.
 
         Raises:
             ValueError: an unknown metric, or eta outside (0, 1].

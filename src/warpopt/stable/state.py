@@ -67,7 +67,13 @@ class WindowState(eqx.Module):
 
     @classmethod
     def empty(cls, texels: tuple[int, int], settings: int, dtype: Any = float) -> "WindowState":
-        """A window that has seen nothing."""
+        """A window that has seen nothing.
+
+        Args:
+            texels: of the map along (t, s).
+            settings: `StableWindow.checksum`.
+            dtype: of its numbers.
+        """
         dtype = jnp.zeros(0, dtype).dtype
         none, number = jnp.zeros(3, dtype), jnp.zeros((), jnp.int32)
         row, one = jnp.zeros(4, dtype), jnp.ones((), dtype)
@@ -104,6 +110,9 @@ class WindowState(eqx.Module):
     @classmethod
     def from_json(cls, text: str) -> "WindowState":
         """The state that `to_json` wrote.
+
+        Args:
+            text: one line of JSON.
 
         Raises:
             ValueError: anything else: another text, version, dtype, shape or number, and double precision without

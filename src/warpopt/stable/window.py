@@ -223,8 +223,11 @@ class StableWindow:
             states: of K windows, stacked.
 
         Returns:
-            What `update` takes as `may_refit`, under `jax.vmap`. Fits that cannot wait, such as of receivers that are
-            larger than the map, do not.
+            What `update` takes as `may_refit`, under `jax.vmap`. Urgent fits, such as of receivers larger than the map,
+            are not put off.
+
+        Raises:
+            ValueError: what is no `WindowState`, or of a shape other than (K,).
         """
         instance("states", states, WindowState)
         if states.loss.ndim != 1:

@@ -89,6 +89,9 @@ class LambdaTable(eqx.Module):
                 eta = 1, as in the exported code; "error": both, and theta outside [0, pi], are refused (under jit at
                 run time).
 
+        Returns:
+            eta, of the joint shape.
+
         Raises:
             ValueError: see `outside`; a missing argument.
         """
@@ -103,7 +106,17 @@ class LambdaTable(eqx.Module):
         *,
         outside: Outside = "clamp",
     ) -> np.ndarray:
-        """`eta` in plain NumPy, in theta's precision, with the same operations as the exported code."""
+        """`eta` in plain NumPy, in theta's precision, with the same operations as the exported code.
+
+        Args:
+            theta, depth_ratio, half_fov, outside: as for `eta`.
+
+        Returns:
+            eta, of the joint shape.
+
+        Raises:
+            ValueError: as `eta`.
+        """
         float_arrays(theta=theta)  # for its words
         theta = np.asarray(theta)
         dtype = theta.dtype if theta.dtype == np.float32 else np.dtype(np.float64)
@@ -115,6 +128,14 @@ class LambdaTable(eqx.Module):
 
         Its `promised` says where the table keeps its promise: not where theta, far/near or the field of view was
         clamped.
+
+        Args:
+            frustum: of any shape.
+            theta: radians in [0, pi], of a shape that broadcasts.
+            outside: as for `eta`.
+
+        Returns:
+            A `Warp` of the joint shape.
 
         Raises:
             ValueError: theta outside [0, pi]; as `eta`; a frustum whose far/near or field of view differs from the
@@ -133,6 +154,9 @@ class LambdaTable(eqx.Module):
     def save(self, path: str | Path) -> None:
         """Write it as .npz, .csv or .json, by the file extension; atomic, and equal tables give equal files.
 
+        Args:
+            path: of the file.
+
         Raises:
             ValueError: another ending.
             OSError: the file cannot be written; an existing one is left unchanged.
@@ -140,12 +164,19 @@ class LambdaTable(eqx.Module):
         files.save(self, path)
 
     def encoded(self, path: str | Path) -> bytes:
-        """The bytes that `save` writes to the path; raises the same for the extension."""
+        """The bytes that `save` writes to the path; raises the same for the extension.
+
+        Args:
+            path: of which the extension counts.
+        """
         return files.encoded_table(self, path)
 
     @classmethod
     def load(cls, path: str | Path) -> "LambdaTable":
         """Read a table from a file.
+
+        Args:
+            path: of a file that `save` wrote.
 
         Raises:
             DataFileError (a ValueError): a file that is missing, truncated, edited or of another format.

@@ -46,6 +46,9 @@ def errors(
         along: (screen units per unit slope along the warp) mu / z: E_p without a warp.
         across: (screen units per unit slope across it) (width that the map spans at A = 1) / z.
 
+    Returns:
+        Both, of the joint shape.
+
     Example:
         >>> errors(blend=0.5, eta=0.25, along=2.0, across=3.0)   # A = 1 and eta = 1 give `along` and `across`
         (2.0, 1.5)
@@ -67,6 +70,9 @@ def aggregate(
         metric: "p", "q", "pxq", "max", "edge", "band" or a `Metric`.
         e_p, e_q: of arrays that broadcast.
         sigma: the shear, for "edge" and "band".
+
+    Returns:
+        The metric, of the joint shape.
 
     Raises:
         ValueError: an unknown metric, or one that needs the shear without one.
@@ -118,6 +124,10 @@ def aliasing_error(
         y, z: eye coordinates, broadcast too; z in [near, far], |y| <= z tan(phi) for points of V.
         metric: "p", "q", "pxq", "max" or a `Metric`.
 
+    Returns:
+        E, of the joint shape: screen units (the screen spans 2) per map width or height; times screen pixels / (2
+        texels) it is pixels per texel.
+
     Raises:
         ValueError: theta outside [0, pi], an unknown metric, or a warp whose apex does not lie before V.
 
@@ -140,6 +150,18 @@ def aliasing_error_uz(
 
     The well-conditioned form: accurate to a few units in the last place everywhere, including the side planes.
 
+    Args:
+        frustum, theta, warp: any shapes that broadcast; theta in radians, in [0, pi].
+        u: height fraction.
+        z: eye depth, in [near, far].
+        metric: as for `aliasing_error`.
+
+    Returns:
+        As `aliasing_error`.
+
+    Raises:
+        ValueError: as `aliasing_error`.
+
     Example:
         >>> import warpopt
         >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
@@ -159,6 +181,17 @@ def local_aliasing_error(
 
     Written in eta instead of lambda, so that no warp (eta = 1) is not a special case. AT09 calls (8) approximate; it is
     exact on the axis.
+
+    Args:
+        frustum, warp: any shapes that broadcast.
+        z: eye depth on the axis, in [near, far], broadcast too.
+        metric: "p", "q", "pxq", "max" or a `Metric`.
+
+    Returns:
+        E, of the joint shape, in the units of `aliasing_error`.
+
+    Raises:
+        ValueError: an argument of another class, or an unknown metric.
 
     Example:
         >>> import warpopt
@@ -184,6 +217,16 @@ def texture_coordinates(
 
     s = delta / A is a Moebius map of [0, 1]; t = 1/2 + x / (2 xhat A).
 
+    Args:
+        frustum, theta, warp: any shapes that broadcast; theta in radians, in [0, pi].
+        x, y, z: eye coordinates, broadcast too; z in [near, far], |x|, |y| <= z tan(phi) for points of V.
+
+    Returns:
+        (t, s), across and along the warp, each of the joint shape.
+
+    Raises:
+        ValueError: theta outside [0, pi], or a warp whose apex does not lie before V.
+
     Example:
         >>> import warpopt
         >>> frustum = warpopt.ViewFrustum(1.0, 100.0, 0.5236)
@@ -204,6 +247,16 @@ def screen_coordinates(
     frustum: ViewFrustum, x: Numbers, y: Numbers, z: Numbers
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Normalised device coordinates (q, p) in [-1, 1]^2 of eye-space points: AT09 section 1.2.
+
+    Args:
+        frustum: of any shape.
+        x, y, z: eye coordinates, of shapes that broadcast with it; z > 0.
+
+    Returns:
+        (q, p), to the right and up, each of the joint shape.
+
+    Raises:
+        ValueError: not a `ViewFrustum`.
 
     Example:
         >>> import warpopt
@@ -228,10 +281,21 @@ def projection_factors(
     kx: Numbers,
     ky: Numbers,
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Projection aliasing (E_q^proj, E_p^proj) along the line x = kx z - bx, y = ky z - by: AT09 (10), (11).
+    """Projection aliasing (E_q^proj, E_p^proj) along a line of slopes dx/dz = kx, dy/dz = ky: AT09 (10), (11).
 
     The full errors |dq/dt|, |dp/ds| along the line are these factors times `aliasing_error`. Infinite where the line is
     parallel to the light.
+
+    Args:
+        frustum, theta, warp: any shapes that broadcast; theta in radians, in [0, pi].
+        x, y, z: eye coordinates of a point of the line, broadcast too; z in [near, far].
+        kx, ky: slopes of the line.
+
+    Returns:
+        Both factors, >= 0, each of the joint shape.
+
+    Raises:
+        ValueError: theta outside [0, pi], or a warp whose apex does not lie before V.
 
     Example:
         >>> import warpopt

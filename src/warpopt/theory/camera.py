@@ -133,8 +133,12 @@ class Camera(eqx.Module):
     ) -> "Camera":
         """A camera whose window (left, right, bottom, top), slopes x/z and y/z of the side planes, is not centred.
 
+        Args:
+            position, forward, up, near, far, handedness: as for the class.
+            window: slopes of the side planes, left < right and bottom < top.
+
         Raises:
-            ValueError: also for left >= right or bottom >= top.
+            ValueError: as the class; slopes that are not finite, left >= right, or bottom >= top.
         """
         try:
             left, right, bottom, top = window
@@ -193,11 +197,25 @@ class Camera(eqx.Module):
         return assembled(cls, **dict(zip(names, parts, strict=True)), window=window, is_orthographic=True)
 
     def to_eye(self, points: Numbers) -> Float[Array, "... 3"]:
-        """World points (..., 3) in eye coordinates."""
+        """World points (..., 3) in eye coordinates.
+
+        Args:
+            points: (..., 3).
+
+        Returns:
+            (..., 3): right, up and forward.
+
+        Raises:
+            ValueError: another shape, or what are no real numbers.
+        """
         return (points_of(self.position.dtype, "points", points) - self.position) @ self.rotation.T
 
     def screen_depth(self, z: Float[Array, "..."]) -> Float[Array, "..."]:
-        """What sizes on the screen are inversely proportional to: the eye depth z, or 1 where rays are parallel."""
+        """What sizes on the screen are inversely proportional to: the eye depth z, or 1 where rays are parallel.
+
+        Args:
+            z: eye depth.
+        """
         return jnp.ones_like(z) if self.is_orthographic else z
 
     def corners(self) -> Float[Array, "8 3"]:

@@ -9,8 +9,8 @@ from .light_frame import LightFrame
 def gradient(frame: LightFrame, points: Float[Array, "N 3"], weights: Float[Array, " N"]) -> Float[Array, "3"]:
     """The direction on the light plane in which the eye depth z of points rises, by least squares weighted with z^-2.
 
-    On a plane it is theory2's G, along which z is a function of the depth in the map (Theorem 8). Without a division:
-    the normal equations' adjugate gives the direction, and 0 where the points do not tell one.
+    On a plane it is the G of (T61) in docs/theory.md, along which z is a function of the depth in the map. Without a
+    division: the normal equations' adjugate gives the direction, and 0 where the points do not tell one.
 
     Args:
         frame: any of the light.

@@ -16,6 +16,9 @@ class FarLimit(NamedTuple):
 
     eta of 0 is no warp that a map can have: it says that any warp that is strong enough for a far plane is too weak for
     one farther away.
+
+    Attributes:
+        eta, lam, value: (...), of the same shape.
     """
 
     eta: Float[Array, "..."]
@@ -33,6 +36,9 @@ def far_limit(near: Numbers, half_fov: Numbers, theta: Numbers, metric: str | Me
     Args:
         near, half_fov, theta: as for `ViewFrustum` and `FrustumView`, of shapes that broadcast.
         metric: "p", "q", "pxq" or a `Metric`.
+
+    Returns:
+        A `FarLimit`, each field of the joint shape.
 
     Raises:
         ValueError: a value out of range, or a metric that is no product of E_p and E_q.

@@ -1,4 +1,4 @@
-"""A plane seen by a camera: the direction of the warp and its optimum in closed form (theory2's Theorem 8).
+"""A plane seen by a camera: the direction of the warp and its optimum in closed form (T61).
 
 With nu the plane's normal, v the view direction and R = z_max/z_min of what is seen,
 
@@ -81,7 +81,7 @@ def ground_optimum(
     safe = jnp.where(length > 0, length, 1)
     ratio = far / near
     # |l.nu| is the light plane's area over the plane's; on it, depths that differ by dz are dz / steepness apart.
-    # Theorem 8 has no steepness: it is 1 for a plane along the view direction.
+    # (T61) has no steepness: it is 1 for a plane along the view direction.
     steepness = jnp.sqrt(normal[0] ** 2 + normal[1] ** 2)
     safe_steepness = jnp.where(steepness > 0, steepness, 1)
     storage = jnp.abs(light @ normal) / safe_steepness * 2 * aspect * ((far - near) / near) / jnp.tan(half_fov)

@@ -101,6 +101,9 @@ class LightFrame(eqx.Module):
     def turned(self, cosine: Float[Array, ""], sine: Float[Array, ""]) -> "LightFrame":
         """The frame whose Z_w is this one's, turned about the light towards X_w by an angle with that cosine and sine.
 
+        Args:
+            cosine, sine: of the angle.
+
         Example:
             >>> import jax.numpy as jnp, warpopt
             >>> camera = warpopt.Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=100.0, half_fov=0.5)
@@ -119,7 +122,11 @@ class LightFrame(eqx.Module):
         )  # fmt: skip
 
     def towards(self, vector: Float[Array, "3"]) -> "LightFrame":
-        """The frame whose Z_w is a vector in eye coordinates projected along the light; this one where none is left."""
+        """The frame whose Z_w is a vector in eye coordinates projected along the light; this one where none is left.
+
+        Args:
+            vector: of any length.
+        """
         ahead, aside = self.z_axis @ vector, self.x_axis @ vector
         square = ahead * ahead + aside * aside
         # What rounding leaves of a vector along the light has no direction.
@@ -128,7 +135,11 @@ class LightFrame(eqx.Module):
         return self.turned(jnp.where(usable, ahead / length, 1), jnp.where(usable, aside / length, 0))
 
     def shared(self, shares: Float[Array, "2"]) -> "LightFrame":
-        """The frame of a map whose texels along (t, s) are multiplied by these factors."""
+        """The frame of a map whose texels along (t, s) are multiplied by these factors.
+
+        Args:
+            shares: factors > 0.
+        """
         p, q, ratio = _densities(self.pixels, self.texels * shares)
         return eqx.tree_at(
             lambda f: (f.density_p, f.density_q, f.pixel_ratio, f.texels), self, (p, q, ratio, self.texels * shares)
@@ -144,27 +155,59 @@ class LightFrame(eqx.Module):
         return jnp.stack([along / height, across / length])
 
     def depth(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
-        """Z_w . c for points in eye coordinates."""
+        """Z_w . c for points in eye coordinates.
+
+        Args:
+            points: (..., 3).
+
+        Returns:
+            (...) lengths.
+        """
         return jnp.asarray(points) @ self.z_axis
 
     def across_edges(
         self, right: Float[Array, "..."], up: Float[Array, "..."]
     ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-        """Components of edges' unit normals (right, up) in pixels along `screen_axes`: of Z_w's image and of X_w's."""
+        """Components of edges' unit normals (right, up) in pixels along `screen_axes`: of Z_w's image and of X_w's.
+
+        Args:
+            right, up: of shapes that broadcast.
+        """
         along, across = (right * axis[0] + up * axis[1] for axis in self.screen_axes)
         return along, across
 
     def lateral(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
-        """X_w . c."""
+        """X_w . c.
+
+        Args:
+            points: (..., 3) in eye coordinates.
+
+        Returns:
+            (...) lengths.
+        """
         return jnp.asarray(points) @ self.x_axis
 
     def eye_depth(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
-        """The depth that errors are inversely proportional to: z, or 1 where the view's rays are parallel."""
+        """The depth that errors are inversely proportional to: z, or 1 where the view's rays are parallel.
+
+        Args:
+            points: (..., 3) in eye coordinates.
+
+        Returns:
+            (...) lengths.
+        """
         z = jnp.asarray(points)[..., 2]
         return jnp.ones_like(z) if self.is_orthographic else z
 
     def along_light(self, points: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "..."]:
-        """l . c, which increases away from the light."""
+        """l . c, which increases away from the light.
+
+        Args:
+            points: (..., 3) in eye coordinates.
+
+        Returns:
+            (...) lengths.
+        """
         return jnp.asarray(points) @ self.light
 
 

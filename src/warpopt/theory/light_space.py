@@ -23,6 +23,9 @@ from .view_frustum import ViewFrustum
 class LightDepth(NamedTuple):
     """A normalised depth along the warping axis Z_w, and its complement, so that neither is computed as a difference.
 
+    Attributes:
+        delta, one_minus_delta: (...), in [0, 1] within the body.
+
     Example:
         >>> depth = LightDepth(delta=0.25, one_minus_delta=0.75)
         >>> depth.blend(1.0), depth.blend(0.2)   # z_w for no warp, and for a warp
@@ -33,11 +36,19 @@ class LightDepth(NamedTuple):
     one_minus_delta: Float[Array, "..."]
 
     def blend(self, eta: Float[Array, "..."]) -> Float[Array, "..."]:
-        """A = (1 - delta) eta + delta: z_w up to the factor mu / (1 - eta); 1 everywhere for no warp."""
+        """A = (1 - delta) eta + delta: z_w up to the factor mu / (1 - eta); 1 everywhere for no warp.
+
+        Args:
+            eta: of a shape that broadcasts.
+        """
         return self.one_minus_delta * eta + self.delta
 
     def at(self, i: Int[Array, "..."]) -> "LightDepth":
-        """Of one entry, or of some, by an index that is in bounds."""
+        """Of one entry, or of some, by an index that is in bounds.
+
+        Args:
+            i: whole numbers.
+        """
         return LightDepth(picked(self.delta, i), picked(self.one_minus_delta, i))
 
 
@@ -75,6 +86,13 @@ class LightSpace(eqx.Module):
     b = sin(theta) + tan(phi) cos(theta) are the light-space slopes of the two side planes.
 
     At theta = phi (a = 0) mu and d0 have a kink; the derivative there is the left one in theta.
+
+    Args:
+        frustum: a `ViewFrustum`, of any shape.
+        theta: radians, of a shape that broadcasts; its range is not checked.
+
+    Raises:
+        ValueError: `frustum` has no planes and field of view.
 
     Example:
         >>> import jax.numpy as jnp, warpopt
@@ -132,11 +150,19 @@ class LightSpace(eqx.Module):
         return self.near * self.a_plus - self.far * self.a_minus
 
     def edge(self, u: ArrayLike) -> tuple[LightDepth, LightDepth]:
-        """Depths (near end, far end) of the segment of V at height fraction u; delta is linear between them."""
+        """Depths (near end, far end) of the segment of V at height fraction u; delta is linear between them.
+
+        Args:
+            u: in [0, 1], of a shape that broadcasts.
+        """
         return _edge(self, u)
 
     def depth_uz(self, u: Float[Array, "..."], z: Float[Array, "..."]) -> LightDepth:
-        """Depth of the points at height fraction u in [0, 1] and eye depth z."""
+        """Depth of the points at height fraction u in [0, 1] and eye depth z.
+
+        Args:
+            u, z: of shapes that broadcast; z in [near, far].
+        """
         reach = z / self.far * self.slope * 2
         return _depth(self, z, u * reach, (1 - u) * reach)
 
@@ -145,6 +171,9 @@ class LightSpace(eqx.Module):
 
         On the upper plane y = z tan(phi) cancels: A's relative error there is up to eps / eta, whatever the formula.
         `depth_uz` does not have this problem.
+
+        Args:
+            y, z: of shapes that broadcast; z in [near, far].
         """
         y, z = jnp.asarray(y), jnp.asarray(z)
         half = z / self.far * self.slope

@@ -17,6 +17,13 @@ from .._numerics import larger
 def longest_edge(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float[Array, "..."]) -> Float[Array, "..."]:
     """max(E_p sqrt(1 + sigma^2), E_q): the longer of a texel's two edges.
 
+    Args:
+        e_p, e_q: >= 0, pixels per texel, of shapes that broadcast.
+        sigma: the texel's shear.
+
+    Returns:
+        Pixels, of the joint shape.
+
     Example:
         >>> float(longest_edge(*map(jnp.asarray, (4.0, 0.75, 3.0))))
         5.0
@@ -26,6 +33,13 @@ def longest_edge(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Floa
 
 def larger_error(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float[Array, "..."]) -> Float[Array, "..."]:
     """max(E_p, E_q), without the shear.
+
+    Args:
+        e_p, e_q: >= 0, pixels per texel, of shapes that broadcast.
+        sigma: the texel's shear, which does not count.
+
+    Returns:
+        Pixels, of the joint shape.
 
     Example:
         >>> float(larger_error(*map(jnp.asarray, (4.0, 0.75, 3.0))))
@@ -47,6 +61,13 @@ def edge_offset(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float
     for a side of length L whose line is h from the centre, with s twice its middle's distance from the foot of the
     perpendicular, and R the sum of the distances from the centre to its ends: half the sum of the two diagonals.
 
+    Args:
+        e_p, e_q: >= 0, pixels per texel, of shapes that broadcast.
+        sigma: the texel's shear.
+
+    Returns:
+        Pixels, of the joint shape.
+
     Example:
         >>> one_direction = [float(edge_offset(*map(jnp.asarray, v))) for v in ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))]
         >>> [round(v * 2 * 3.14159265, 4) for v in one_direction]   # a segment of length 1: (2/pi) / 4
@@ -66,7 +87,15 @@ def edge_offset(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float
 def lean(
     e_p: Float[Array, "..."], sigma: Float[Array, "..."], normal: tuple[Float[Array, "..."], Float[Array, "..."]]
 ) -> Float[Array, "..."]:
-    """The signed extent across an edge of a texel's column edge: E_p (c + sigma s), for the edge's unit normal (c, s).
+    """A texel column's signed extent across a shadow edge: E_p (c + sigma s), for the edge's unit normal (c, s).
+
+    Args:
+        e_p: >= 0, pixels per texel.
+        sigma: the texel's shear.
+        normal: (c, s), along the screen images of Z_w and X_w.
+
+    Returns:
+        Pixels, of the joint shape.
 
     Example:
         >>> float(lean(*map(jnp.asarray, (2.0, 0.5)), (jnp.asarray(0.75), jnp.asarray(-0.5))))
@@ -76,9 +105,15 @@ def lean(
 
 
 def offset_across(column: Float[Array, "..."], row: Float[Array, "..."]) -> Float[Array, "..."]:
-    """The expected offset of an edge across which a texel's two edges extend by these lengths.
+    """The expected offset of a shadow edge, from a texel's two extents across it, in pixels.
 
     The mean of |u a + v b| with u and v uniform in [-1/2, 1/2]: max/4 + min^2/(12 max) of |a| and |b|.
+
+    Args:
+        column, row: extents in pixels, of either sign and of shapes that broadcast.
+
+    Returns:
+        Pixels, of the joint shape.
 
     Example:
         >>> [float(offset_across(*map(jnp.asarray, extents))) for extents in ((-4.0, 0.0), (3.0, 3.0))]

@@ -32,6 +32,9 @@ class Body(Protocol):
 class Extent(NamedTuple):
     """Start (from the eye) and length of a body along Z_w.
 
+    Attributes:
+        start, mu: lengths, of shapes that broadcast.
+
     Example:
         >>> Extent(1.0, 99.0).mu
         99.0
@@ -88,6 +91,10 @@ class Warp(eqx.Module):
     def from_lam(cls, lam: Numbers, body: Body) -> "Warp":
         """The warp of a given near-plane distance lambda (inf for none), a length, over a body as in `from_eta`.
 
+        Args:
+            lam: > 0, of a shape that broadcasts with the body's.
+            body: an object with `start` and `mu`.
+
         Raises:
             ValueError: lambda <= 0, mu <= 0, or NaN; a body without an extent.
         """
@@ -98,6 +105,11 @@ class Warp(eqx.Module):
     @classmethod
     def from_range_ratio(cls, ratio: ArrayLike, body: Body, defined: ArrayLike = True) -> "Warp":
         """The warp of a given mu / lambda >= 0, a form without infinities; eta = 1 where not `defined`.
+
+        Args:
+            ratio: mu / lambda, of a shape that broadcasts with the body's.
+            body: an object with `start` and `mu`.
+            defined: booleans, broadcast too.
 
         Raises:
             ValueError: a ratio that is negative, infinite or NaN where it is defined (traced values are not checked);
@@ -134,7 +146,14 @@ class Warp(eqx.Module):
         return jnp.where(self.no_warp, jnp.inf, self.mu * self.eta / safe)
 
     def strength(self, frustum: ViewFrustum) -> Float[Array, "..."]:
-        """log(eta) / log(n/f): at theta = pi/2, 0 for SSM, 1/2 for LiSPSM and 1 for PSM."""
+        """log(eta) / log(n/f): at theta = pi/2, 0 for SSM, 1/2 for LiSPSM and 1 for PSM.
+
+        Args:
+            frustum: of a shape that broadcasts with eta's.
+
+        Raises:
+            ValueError: not a `ViewFrustum`.
+        """
         instance("frustum", frustum, ViewFrustum)
         return -jnp.log(self.eta) / jnp.log1p((frustum.far - frustum.near) / frustum.near)
 
@@ -143,6 +162,12 @@ class Warp(eqx.Module):
 
         eta = 1 stays 1. Where the apex does not lie before the body, eta is NaN and `defined` False; functions that use
         such a warp raise an error, or return NaN when traced.
+
+        Args:
+            body: an object with `start` and `mu`, of shapes that broadcast with eta's.
+
+        Raises:
+            ValueError: a body without an extent.
 
         Example:
             >>> farther = Warp.from_lam(11.0, Extent(1.0, 99.0)).over(Extent(5.0, 95.0))
@@ -154,7 +179,11 @@ class Warp(eqx.Module):
         return _over(self, jnp.asarray(body.start, dtype), jnp.asarray(body.mu, dtype))
 
     def lost_over(self, own: "Warp") -> Bool[Array, "..."]:
-        """Where this warp has an eta but `own`, the same warp over another body, has none (apex not before it)."""
+        """Where this warp has an eta but `own`, the same warp over another body, has none (apex not before it).
+
+        Args:
+            own: from `over`.
+        """
         return jnp.isnan(own.eta) & ~jnp.isnan(self.eta)
 
 

@@ -52,8 +52,8 @@ def write_figures(
         words = "Each split's largest error over the best of as many maps with a warp in each. A mark where the scheme"
         write("counts", counts_figure(numbers), f"{words} or engine has splits for this number of maps.")
     if texels:
-        words = "Texels for one a pixel over what no maps of any kind can better, over logarithmic splits. Ringed: the"
-        words += " number of maps that needs least. With a light close to the view's axis the two lines are one."
+        words = "Texels for one per pixel, divided by the lower bound, with logarithmic splits. Ringed: the number of"
+        words += " maps that needs the fewest. With a light near the view's axis both lines coincide."
         for camera in dict.fromkeys(at.camera for at in texels):
             mine = [at for at in texels if at.camera == camera]
             stem = f"camera_{camera}_" if len({at.camera for at in texels}) > 1 else ""

@@ -59,7 +59,7 @@ def errors_by_number(config: CascadesConfig) -> list[ByNumber]:
     """Every scheme's error over the best, for 1 to `MOST` maps; none for means, and for maps of unequal resolution.
 
     Over a whole frustum a split's largest error is that of its longest cascade in far/near, and the same as that of a
-    frustum of that ratio (theory2's Theorem 3, (a)): all are solved in one call.
+    frustum of that ratio (docs/cascades.md): all are solved in one call.
     """
     asked, objective = config.cascades, objective_of(config)
     if asked.shares is not None or not objective.supremum:
@@ -93,7 +93,7 @@ def errors_by_number(config: CascadesConfig) -> list[ByNumber]:
 
 
 def texels(config: CascadesConfig) -> list[Texels]:
-    """Texels for one a pixel over logarithmic splits, over what no maps can better: at the view's angle and others."""
+    """Texels for one per pixel with logarithmic splits, divided by the lower bound: at the view's angle and others."""
     price = config.cascades.price or 0.0
     angles = sorted({*_ANGLES, config.light.theta_deg}, reverse=True)
     views = {angle: frustum_view(config, angle) for angle in angles}

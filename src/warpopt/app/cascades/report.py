@@ -83,7 +83,7 @@ def _steps(rows: "list[Row]", step: float | None) -> str:
     if len(stepped) > 1:
         splits = [np.asarray(row.plan.splits) for row in stepped]
         moves = sum(not np.allclose(a, b, rtol=1e-9) for a, b in itertools.pairwise(splits))
-        words += f", and change {moves} times from light to light, of {len(stepped) - 1}"
+        words += f", and change at {moves} of {len(stepped) - 1} steps of the light"
     return words + ".\n"
 
 
@@ -160,12 +160,12 @@ def _texels(texels: "list[Texels]") -> str:
         values = [at.warped if warped else at.plain for at in texels]
         lines.append([words, *(spanned([float(v[k]) for v in values]) for k in range(_SHOWN))])
     price, most = texels[0].price, len(texels[0].warped)
-    cost = f"; a map costs {price:g} of those beside its own" if price else ""
+    cost = f"; each map costs {price:g} more" if price else ""
     numbers = [spanned([at.best_number(warped) for at in texels]) for _, warped in rows]
     capped = any(at.best_number(warped) == most for at in texels for _, warped in rows)
-    still = f" (and {most} are not the end)" if capped else ""
+    still = " (no more were tried)" if capped else ""
     return (
-        "Texels for one a pixel, of maps of their own aspect over logarithmic splits, over what no maps of any kind "
-        f"can better{cost}. Of up to {most} maps {numbers[0]} need least with warps, {numbers[1]} without{still}.\n\n"
+        "Texels for one per pixel, divided by the lower bound; maps have their own aspect, splits are logarithmic"
+        f"{cost}. Of 1 to {most} maps {numbers[0]} need the fewest with warps, {numbers[1]} without{still}.\n\n"
         + markdown_table(["maps", *(str(k + 1) for k in range(_SHOWN))], lines)
     )

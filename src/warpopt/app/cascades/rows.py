@@ -38,7 +38,7 @@ class Row(Split):
 
     @property
     def balanced_from(self) -> float:
-        """The nearest receiver for which a whole-frustum split would be balanced: theory2's (d)."""
+        """The nearest receiver for which the first ratio is no larger than the others (docs/cascades.md)."""
         ratios = np.asarray(self.plan.splits)[1:] / np.asarray(self.plan.splits)[:-1]
         return float(self.plan.splits[1] / ratios[1:].max()) if len(ratios) > 1 else float(self.plan.splits[0])
 

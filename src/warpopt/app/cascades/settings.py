@@ -26,8 +26,8 @@ class CascadeSettings(SplitSettings):
     step: Annotated[float, Field(gt=1, le=10)] | None = None
     """The best splits are also put at powers of this, so that they move seldom: 1.1 is a tenth."""
     price: Annotated[float, Field(ge=0)] | None = None
-    """Of one more map, where 1 is as many texels as no maps of any kind can better: how many maps are worth it. Over a
-    frustum 0 by default; over a scene it takes the optimal warps of 136 cascades a light, and is asked for."""
+    """Cost of one more map in units of the lower bound on texels; the report then says how many are worth it. Over a
+    frustum 0 by default; over a scene none, as it takes 136 optimal warps a light."""
 
 
 class Angle(Section):

@@ -76,7 +76,7 @@ def _over_scene(
         seen = [under_light(view, k) for k in range(len(scene.lights))]
         each = [splits_of(one, asked, objective, scene.cameras[i]) for one in seen]
         theta = np.array([float(one.frame_along("view").theta) for one in seen])
-        # Receivers may begin and end elsewhere under no light: the same splits under each.
+        # The range of depths is the same under every light, and so are the names of the splits.
         made.append(_compared(objective, i, theta, *each))
     return made
 

@@ -15,8 +15,8 @@ class Export(Plain):
 
     table: tyro.conf.Positional[str]
     """A table (.npz, .csv, .json); `closed-form`, the exact L-inf optimum of any view frustum, without a table;
-    `window`, the whole texels by which a map that stays where it is follows its receivers; or `splits`, where to split
-    a view frustum into several maps, and the optimal warp in each."""
+    `window`, moving a map by whole texels so that every texel stays in place; or `splits`, where to split a view
+    frustum into several maps, and the optimal warp in each."""
     to: str
     """Languages, separated by commas: c, cpp, glsl, hlsl, wgsl; for a table also csv, json, npz."""
     directory: Path = Path(".")

@@ -41,7 +41,7 @@ _WEIGHTS = {
     "depth": "a visible pixel counts by its eye depth, which stands for shadow edges",
     "edges": "only the pixels beside a shadow edge count; where there is no edge, pixels count by their depth",
 }
-_LIT = ", in the light alone"
+_LIT = ", lit pixels only"
 
 
 def scene_report(
@@ -91,7 +91,9 @@ def _opening(config: SceneConfig, scene: SceneInput, solved: list[Solved]) -> st
         f"{len(scene.steps)} step(s) of the light, {len(scene.lights)} distinct direction(s)."
     ]
     if config.receivers.pixels:
-        lines.append(f"In means, {_WEIGHTS[config.weights.by]}{_LIT if config.weights.lit else ''}.")
+        # Edges count on both sides, and without one all pixels count.
+        lit = _LIT if config.weights.lit and config.weights.by != "edges" else ""
+        lines.append(f"In means, {_WEIGHTS[config.weights.by]}{lit}.")
     if below:
         lines.append(f"In {below} step(s) the sun is not above the horizon and gives no direction.")
     units = "screen pixels per texel" if config.objective.screen else "in the units of a screen 2 high and a map 1 by 1"

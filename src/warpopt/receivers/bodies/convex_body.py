@@ -72,6 +72,9 @@ class ConvexBody(Receivers):
 
         For no objects, whose bounds are none, pass no points: `PointReceivers(np.zeros((0, 3)))`.
 
+        Args:
+            lower, upper: (3,), lower <= upper.
+
         Raises:
             ValueError: for a wrong shape, NaN, or lower > upper.
         """
@@ -140,11 +143,19 @@ class ConvexBody(Receivers):
             )
 
     def vertices(self, camera: Camera) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
-        """(eye coordinates, which of them are vertices of B); each vertex may occur several times."""
+        """(eye coordinates, which of them are vertices of B); each vertex may occur several times.
+
+        Args:
+            camera: whose frustum clips the body.
+        """
         return vertices_of(self.with_frustum(camera))[:2]
 
     def with_frustum(self, camera: Camera) -> Float[Array, "N 4"]:
-        """All half-spaces in eye coordinates, the frustum's first."""
+        """All half-spaces in eye coordinates, the frustum's first.
+
+        Args:
+            camera: of the frustum.
+        """
         planes = self.planes.astype(camera.position.dtype)
         normals = planes[:, :3] @ camera.rotation.T
         offsets = planes[:, 3] + planes[:, :3] @ camera.position

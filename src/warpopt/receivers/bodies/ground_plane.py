@@ -90,7 +90,11 @@ class GroundPlane(Receivers):
             )
 
     def in_eye(self, camera: Camera) -> tuple[Float[Array, "3"], Float[Array, ""]]:
-        """(unit normal, offset) of the plane in eye coordinates."""
+        """(unit normal, offset) of the plane in eye coordinates.
+
+        Args:
+            camera: whose coordinates are meant.
+        """
         normal = self.normal.astype(camera.position.dtype)
         return camera.rotation @ normal, self.offset.astype(normal.dtype) + normal @ camera.position
 

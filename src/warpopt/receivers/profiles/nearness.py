@@ -1,7 +1,7 @@
 """The integral over the light plane of max 1/z^2 among the receivers on each ray: the texels that any maps need.
 
 A map that has a texel per pixel is at least 1/z^2 dense at every receiver, in units of the screen at z = 1; of the
-receivers on a ray of the light the nearest decides (theory2's Theorem 5).
+receivers on a ray of the light the nearest decides (T60).
 """
 
 import numpy as np

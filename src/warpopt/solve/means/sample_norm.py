@@ -3,7 +3,7 @@
     J(eta) = sum of w_i k(E_p, sigma E_p, E_q)^P,    k convex and rising in all three (`theory.texel`)
 
 E_p and sigma E_p are convex in eta. E_q = a w, with a rising line a and the map's width w, which is at least what the
-two receivers span that span it at m. With f one of them, its share of a receiver's E_q is A/A_f up to a constant:
+two receivers that set it at m span. With f one of them, its share of a receiver's E_q is A/A_f up to a constant:
 convex in eta where delta >= delta_f, and else
 
     A/A_f (eta) >= tangent at m - (1 - delta/delta_f) (1 - delta_f)/A_f(m)^2 (eta - m)^2.
@@ -185,7 +185,7 @@ class SampleNorm(eqx.Module):
     def errors(
         self, depth: LightDepth, lateral: Array, eta: Array, width: Array
     ) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
-        """(E_p, sigma, E_q) at `footprint.unit`: theory2 section 0."""
+        """(E_p, sigma, E_q) at `footprint.unit` (T51)."""
         blend = depth.blend(eta)
         sigma = lateral * ((1 - eta) * self.pixel_ratio) / blend
         return self.along * blend * blend / eta, sigma, self.across * width * blend

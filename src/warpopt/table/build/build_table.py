@@ -63,6 +63,9 @@ def build_table(
             table's largest regret is then max_regret or, if more, within 10 % of the least that the bound allows
             (25 % with a range); `promised` is the regret that it keeps. Allowed with at most one range.
 
+    Returns:
+        A `LambdaTable`.
+
     Raises:
         ValueError: bad arguments.
         RuntimeError: a promise that rounding does not allow (max_regret below about 1e-6, the limit of float32), or
