@@ -126,8 +126,10 @@ def test_the_errors_are_derivatives_along_lines():
     steady &= np.abs(kx - x / z_w * rate) > 0.05 * (np.abs(kx) + np.abs(x / z_w * rate))
     steady &= z_w > 1e-2 * lam
     assert steady.mean() > 0.6
-    np.testing.assert_allclose(np.abs(dq / dt)[steady], (e_q * proj_q)[steady], rtol=1e-12)
-    np.testing.assert_allclose(np.abs(dp / ds)[steady], (e_p * proj_p)[steady], rtol=1e-12)
+    # A at (y, z) near a side plane is a difference: its error is up to eps/eta, whatever the formula (`depth_yz`).
+    rounding = 1e-12 + 8 * EPS / np.asarray(warp.eta)[steady]
+    for got, exact in ((dq / dt, e_q * proj_q), (dp / ds, e_p * proj_p)):
+        assert (np.abs(np.abs(got)[steady] / exact[steady] - 1) <= rounding).all()
 
 
 def test_texture_coordinates_equal_raw_geometry_and_fill_the_map():

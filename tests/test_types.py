@@ -61,6 +61,7 @@ def public_callables() -> Iterator[tuple[str, typing.Any]]:
             yield f"{package}.{name}", found
             for key, member in vars(found).items() if inspect.isclass(found) else ():
                 member = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
+                member = inspect.unwrap(member) if callable(member) else member  # what is compiled
                 if not key.startswith("_") and inspect.isfunction(member):
                     yield f"{package}.{name}.{key}", member
 

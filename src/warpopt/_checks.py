@@ -15,6 +15,7 @@ from jax.experimental import checkify
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, PyTree
 
+from ._parallel import wide
 from ._words import shown
 
 Numbers = ArrayLike | Sequence[ArrayLike] | Sequence[Sequence[ArrayLike]]
@@ -127,7 +128,7 @@ def refuse_traced(verb: str, *values: Any) -> None:
 
 _Way = Literal["raised", "trusted", "gathered"]
 _WAY: contextvars.ContextVar[_Way] = contextvars.ContextVar("way", default="raised")  # of a check of a traced value
-_SMALL = 1024  # entries: below this a comparison on the host is cheaper than one on the device
+_SMALL = 1024  # entries: below this a comparison on the host is cheaper than one on any device
 
 
 @contextlib.contextmanager
@@ -178,7 +179,7 @@ def checked(name: str, value: Any, valid: Callable[..., Any], expected: str, *ot
     traced = is_traced(arrays)
     if traced and _WAY.get() == "trusted":
         return value
-    if not traced and all(array.size <= _SMALL for array in arrays):
+    if not traced and all(_cheap_on_host(array) for array in arrays):
         arrays = map(np.asarray, arrays)
     good = valid(*arrays)
     if traced:
@@ -191,3 +192,9 @@ def checked(name: str, value: Any, valid: Callable[..., Any], expected: str, *ot
     if not good.all():
         raise ValueError(f"{name}: got {np.asarray(value)[~good].flat[0]}, expected {expected}")
     return value
+
+
+def _cheap_on_host(array: Any) -> bool:
+    """Whether NumPy compares it at once: a CPU's memory is the host's, and JAX would compile each comparison."""
+    here = getattr(array, "is_fully_addressable", True)
+    return here and (array.size <= _SMALL or not wide())

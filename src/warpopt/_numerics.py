@@ -1,19 +1,22 @@
 """Small numerical tools that JAX lacks."""
 
-import functools
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-compiled = functools.partial(jax.jit, inline=True)
-"""Of a function of arrays that is also called uncompiled: one compilation for each new shape, not one per operation.
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
-Where it is traced, its operations become the caller's, as if it were not compiled.
-"""
+
+def compiled(function: _Function) -> _Function:
+    """Of a function of arrays, also called uncompiled: one compilation for each new shape, not one per operation.
+
+    Where it is traced, its operations become the caller's, as if it were not compiled.
+    """
+    return cast(_Function, jax.jit(function, inline=True))
 
 
 def power(base: Float[Array, "..."], exponent: float) -> Float[Array, "..."]:

@@ -95,6 +95,7 @@ class DepthBuffer(OneByOne):
         self.encoding = encoding
         self.weights = Weights(weights, lit, depth.shape)
 
+    @compiled
     def eye_depth(self, camera: Camera) -> Float[Array, "H W"]:
         """Eye depth of each pixel; inf for background.
 

@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import ConvexHull, QhullError
 
 _FLAT = 1e-12  # of the largest extent: what is thinner has no inside that the hull could be found by
 
@@ -29,6 +28,8 @@ def hull_triangles(points: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "T 3 3
 
 def _faces(points: np.ndarray) -> np.ndarray:
     """(T, 3) indices of corners."""
+    from scipy.spatial import ConvexHull, QhullError  # importing it takes 0.1 s, a third of warpopt's own
+
     # Of unit size, so that no square over- or underflows.
     centred = points / max(np.abs(points).max(), np.finfo(float).tiny)
     centred = centred - centred.mean(0)

@@ -5,14 +5,16 @@ E (screen pixels / 2) / (map texels).
 """
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from .._checks import Numbers, floats_of, instance
-from .._numerics import larger, power, smaller
+from .._numerics import compiled, larger, power, smaller
 from ..objective import Metric, Objective
 from .light_space import LightDepth, LightSpace, checked_theta
 from .texel import KERNELS
@@ -105,8 +107,12 @@ def _over(warp: Warp, space: LightSpace) -> Warp:
     return own
 
 
-def _error(space: LightSpace, warp: Warp, depth: LightDepth, z: Array, metric: str | Metric) -> Array:
-    eta = _over(warp, space).eta
+@functools.partial(jax.jit, static_argnames=("depth_at", "metric"), inline=True)
+def _error(
+    space: LightSpace, eta: Array, depth_at: Callable[..., LightDepth], at: Array, z: Array, metric: str | Metric
+) -> Array:
+    """At eye depth z and what `depth_at`, a method of `LightSpace`, takes before it."""
+    depth = depth_at(space, at, z)
     along = space.mu_over_far * (space.far / z) / space.tan_phi
     across = 2 * (space.far / z) / inverse_width(space, eta)
     return aggregate(metric, *errors(depth.blend(eta), eta, along, across))
@@ -140,7 +146,7 @@ def aliasing_error(
     """
     space = LightSpace(frustum, checked_theta(theta, frustum))
     y, z = floats_of(space.near.dtype, y=y, z=z)
-    return _error(space, warp, space.depth_yz(y, z), z, metric)
+    return _error(space, _over(warp, space).eta, LightSpace.depth_yz, y, z, metric)
 
 
 def aliasing_error_uz(
@@ -171,7 +177,7 @@ def aliasing_error_uz(
     """
     space = LightSpace(frustum, checked_theta(theta, frustum))
     u, z = floats_of(space.near.dtype, u=u, z=z)
-    return _error(space, warp, space.depth_uz(u, z), z, metric)
+    return _error(space, _over(warp, space).eta, LightSpace.depth_uz, u, z, metric)
 
 
 def local_aliasing_error(
@@ -237,7 +243,12 @@ def texture_coordinates(
     """
     space = LightSpace(frustum, checked_theta(theta, frustum))
     x, y, z = floats_of(space.near.dtype, x=x, y=y, z=z)
-    depth, eta = space.depth_yz(y, z), _over(warp, space).eta
+    return _coordinates(space, _over(warp, space).eta, x, y, z)
+
+
+@compiled
+def _coordinates(space: LightSpace, eta: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+    depth = space.depth_yz(y, z)
     blend = depth.blend(eta)
     half_width = space.tan_phi / inverse_width(space, eta)  # over far
     return 0.5 + x / space.far / (2 * half_width * blend), depth.delta / blend

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._checks import Numbers, assembled, checked, float_arrays, points_of
+from .._numerics import compiled
 from .._words import one_of, shown
 from ..scene_files.scene_camera import SceneCamera
 
@@ -208,7 +209,7 @@ class Camera(eqx.Module):
         Raises:
             ValueError: another shape, or what are no real numbers.
         """
-        return (points_of(self.position.dtype, "points", points) - self.position) @ self.rotation.T
+        return _to_eye(self, points_of(self.position.dtype, "points", points))
 
     def screen_depth(self, z: Float[Array, "..."]) -> Float[Array, "..."]:
         """What sizes on the screen are inversely proportional to: the eye depth z, or 1 where rays are parallel.
@@ -288,6 +289,11 @@ def normalised(name: str, vector: Float[Array, "3"]) -> Float[Array, "3"]:
         ValueError: for a zero vector.
     """
     return _unit(vector, checked(name, _largest(vector), lambda v: v > 0, "a vector that is not zero"))
+
+
+@compiled
+def _to_eye(camera: Camera, points: Array) -> Array:
+    return (points - camera.position) @ camera.rotation.T
 
 
 @jax.jit

@@ -131,20 +131,24 @@ class LightSpace(eqx.Module):
         return jnp.log1p(self.depth_range)
 
     @property
+    @compiled
     def mu_over_near(self) -> Float[Array, "..."]:
         return self.depth_range * self.a_plus + 2 * (1 + self.depth_range) * self.slope
 
     @property
+    @compiled
     def mu_over_far(self) -> Float[Array, "..."]:
         """In range for every far/near, as `mu_over_near` is not."""
         return self.share * self.a_plus + 2 * self.slope
 
     @property
+    @compiled
     def mu(self) -> Float[Array, "..."]:
         """Depth range of the warping frustum, VN (13)."""
         return self.far * self.mu_over_far
 
     @property
+    @compiled
     def start(self) -> Float[Array, "..."]:
         """d0 = min over V of z sin(theta) - y cos(theta): n a for theta >= phi, f a below."""
         return self.near * self.a_plus - self.far * self.a_minus
@@ -157,6 +161,7 @@ class LightSpace(eqx.Module):
         """
         return _edge(self, u)
 
+    @compiled
     def depth_uz(self, u: Float[Array, "..."], z: Float[Array, "..."]) -> LightDepth:
         """Depth of the points at height fraction u in [0, 1] and eye depth z.
 
@@ -166,6 +171,7 @@ class LightSpace(eqx.Module):
         reach = z / self.far * self.slope * 2
         return _depth(self, z, u * reach, (1 - u) * reach)
 
+    @compiled
     def depth_yz(self, y: Float[Array | np.ndarray, "..."], z: Float[Array | np.ndarray, "..."]) -> LightDepth:
         """Depth of the points at eye coordinates (y, z).
 

@@ -134,12 +134,14 @@ class Warp(eqx.Module):
         return Warp(jnp.ones_like(self.eta), jnp.zeros_like(self.eta), self.start, self.mu, self.defined)
 
     @property
+    @compiled
     def lam_over_mu(self) -> Float[Array, "..."]:
         """lambda / mu = eta / (1 - eta), what VN's Figure 6 plots; inf for no warp, with zero gradient there."""
         safe = jnp.where(self.no_warp, 1, self.one_minus_eta)
         return jnp.where(self.no_warp, jnp.inf, self.eta / safe)
 
     @property
+    @compiled
     def lam(self) -> Float[Array, "..."]:
         """Near-plane distance of the warping frustum, a length; inf for no warp."""
         safe = jnp.where(self.no_warp, 1, self.one_minus_eta)

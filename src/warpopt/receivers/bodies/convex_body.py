@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..._checks import Numbers, checked, float_arrays, is_traced
-from ..._numerics import unit_nodes
+from ..._numerics import compiled, unit_nodes
 from ...objective import DENSITY_EXPONENT, Objective
 from ...theory.camera import Camera, DirectionalLight
 from ...theory.light_frame import LightFrame
@@ -99,11 +99,13 @@ class ConvexBody(Receivers):
         near, far = extent_of(frame.eye_depth(vertices), valid)
         return made.lost_where(valid.any() & (jnp.log(far / near) > LARGEST_LOG_RATIO))
 
+    @compiled
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """See `Receivers`."""
         points, there = self.vertices(camera)
         return extent_of(points[:, 2], there)
 
+    @compiled
     def places(self, camera: Camera) -> tuple[Float[Array, "N 3"], Float[Array, " N"]]:
         """See `Receivers`: the vertices; one that occurs several times counts once."""
         points, there = self.vertices(camera)
@@ -142,6 +144,7 @@ class ConvexBody(Receivers):
                 "ends, or a finite far"
             )
 
+    @compiled
     def vertices(self, camera: Camera) -> tuple[Float[Array, "N 3"], Bool[Array, " N"]]:
         """(eye coordinates, which of them are vertices of B); each vertex may occur several times.
 

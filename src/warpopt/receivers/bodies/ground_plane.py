@@ -61,6 +61,7 @@ class GroundPlane(Receivers):
         points, there, endless = self._polygon(camera)
         return from_groups(singles(there, points, frame), camera.near, grouped=False).lost_where(endless)
 
+    @compiled
     def depth_extent(self, camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """See `Receivers`."""
         points, there, _ = self._polygon(camera)

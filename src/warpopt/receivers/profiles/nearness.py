@@ -6,7 +6,6 @@ receivers on a ray of the light the nearest decides (T60).
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 _FLAT = 1e-9  # of a body's size: thinner ones are polygons
 
@@ -21,6 +20,8 @@ def over_body(vertices: NDArray, light: NDArray, parallel: bool = False) -> floa
         light: (3,) unit vector in eye coordinates.
         parallel: whether all receivers count alike, as under parallel rays: the body's area as the light sees it.
     """
+    from scipy.spatial import ConvexHull  # importing it takes 0.1 s, a third of warpopt's own
+
     vertices = np.unique(np.asarray(vertices, np.float64), axis=0)
     if len(vertices) < 3:
         return 0.0
