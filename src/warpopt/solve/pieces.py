@@ -45,7 +45,7 @@ class PiecewiseLog(Protocol):
         ...
 
 
-_ROUNDS = {32: 2, 64: 4}  # of the search on devices of many threads, by bits: a few hundred slopes in each
+_AT_ONCE = 720  # slopes in a round, on devices of many threads: two or four rounds over all eta that a dtype holds
 
 
 class Optimum(NamedTuple):
@@ -104,8 +104,9 @@ def _zero_by_rounds(
 ) -> tuple[Array, Array]:
     """As `zero_of_slope`: a fixed number of rounds, each of which evaluates many slopes at once."""
     eps = float(jnp.finfo(lower.dtype).eps)
-    rounds = _ROUNDS[jnp.finfo(lower.dtype).bits]
-    count = 1 + math.ceil((longest / (0.5 * eps**0.5)) ** (1 / rounds))
+    parts = longest / (0.5 * eps**0.5)
+    rounds = math.ceil(math.log(parts) / math.log(_AT_ONCE))
+    count = 1 + math.ceil(parts ** (1 / rounds))
     share = jnp.linspace(0, 1, count, dtype=lower.dtype)
     ends = jnp.zeros(2, lower.dtype)
     for _ in range(rounds):

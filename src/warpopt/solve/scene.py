@@ -133,7 +133,7 @@ def _solve_along(view: SceneView, frame: LightFrame, objective: Objective, min_e
         shares = shares_of(view.map_aspect)
     log_norm = log_norm_of(footprint, frame, objective)
     if isinstance(log_norm, SampleNorm):
-        optimum, value, excess, gap = _of_samples(log_norm, min_eta)
+        optimum, value, unwarped, excess, gap = _of_samples(log_norm, min_eta)
     else:
         # For an L_P norm of E_p the moments come from the individual receivers: grouping loses nothing.
         grouped = footprint.grouped and (objective.supremum or objective.has_beta)
@@ -143,8 +143,7 @@ def _solve_along(view: SceneView, frame: LightFrame, objective: Objective, min_e
         optimum, value, excess = _of_extents(log_norm, grouped and not loose, min_eta, best_known)
         # Moving a receiver within its group may widen a free fit or narrow it: no bound is known.
         excess = jnp.where(loose, jnp.nan, excess)
-        gap = jnp.zeros_like(value)
-    unwarped = value_at(log_norm, jnp.zeros_like(value))
+        unwarped, gap = value_at(log_norm, jnp.zeros_like(value)), jnp.zeros_like(value)
     value, unwarped, excess, gap = (jnp.where(footprint.empty, 0, v) for v in (value, unwarped, excess, gap))
     gap = jnp.where(footprint.flat, 0, gap)  # the same for all eta
     finite = jnp.isfinite(value) & jnp.isfinite(optimum.log_eta)
@@ -182,14 +181,16 @@ def _of_extents(log_norm: LogNorm, grouped: bool, min_eta: Array, without: bool)
     return jax.tree.map(lambda v: v[0], optima), value, _over(value, least)
 
 
-def _of_samples(norm: SampleNorm, min_eta: Array) -> tuple[Optimum, Array, Array, Array]:
-    """(the optimum, the norm, its excess over the individual receivers', the gap to its lower bound over all eta)."""
+def _of_samples(norm: SampleNorm, min_eta: Array) -> tuple[Optimum, Array, Array, Array, Array]:
+    """(the optimum, the norm, that of no warp, the norm's excess over the individual receivers', its gap to the lower
+    bound over all eta)."""
     optimum, lower, search = minimise_mean(norm, min_eta)
-    value = value_at(norm, optimum.log_eta)
+    # Both in one map: the norm is compiled once.
+    value, unwarped = jax.vmap(lambda u: value_at(norm, u))(jnp.stack([optimum.log_eta, jnp.zeros_like(lower)]))
     best_case = eqx.tree_at(lambda n: n.footprint, norm, norm.footprint.at_best())
     exact = norm.samples.corners is None and not norm.footprint.grouped
     excess = jnp.zeros_like(value) if exact else excess_of_cells(norm, best_case, search, optimum.log_eta, min_eta)
-    return optimum, value, excess, _over(value, lower)
+    return optimum, value, unwarped, excess, _over(value, lower)
 
 
 def _over(value: Array, least: Array) -> Array:

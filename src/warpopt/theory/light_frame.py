@@ -84,11 +84,15 @@ class LightFrame(eqx.Module):
         across_screen = jnp.stack([l[1], -l[0], jnp.zeros_like(l[0])]) / sine
         # Fixed axes too are exactly perpendicular to the light: a caster and its receiver share a texel.
         fixed = jax.lax.stop_gradient(l)
-        fixed_x = jnp.stack([jnp.ones_like(l[0]), jnp.zeros_like(l[0]), -fixed[0] / jnp.where(parallel, fixed[2], 1)])
-        fixed_x = fixed_x / jnp.sqrt((fixed_x * fixed_x).sum())
+        tilt = -fixed[0] / jnp.where(parallel, fixed[2], 1)
+        size = jnp.sqrt(1 + tilt * tilt)
+        right, deep = 1 / size, tilt / size
+        fixed_x = jnp.stack([right, jnp.zeros_like(right), deep])
+        # The cross product of the two; by `jnp.cross` it is four kernels on a GPU, and not a part of one.
+        fixed_z = jnp.stack([-deep * fixed[1], deep * fixed[0] - right * fixed[2], right * fixed[1]])
         x_axis = jnp.where(parallel, fixed_x, across_screen)
         z_axis = jnp.stack([-l[0] * l[2], -l[1] * l[2], sine_squared]) / sine
-        z_axis = jnp.where(parallel, jnp.cross(fixed_x, fixed), z_axis)
+        z_axis = jnp.where(parallel, fixed_z, z_axis)
         self.x_axis, self.z_axis, self.light = x_axis, z_axis, l
         self.theta = jnp.where(parallel, jnp.where(l[2] < 0, jnp.pi, 0.0), jnp.arctan2(sine, l[2]))
         self.parallel, self.is_orthographic = parallel, camera.is_orthographic

@@ -6,6 +6,7 @@ in the slope at which the eye sees them, x over the distance from the eye.
 """
 
 import functools
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int, PyTree
 
 from ..._numerics import power, staged
-from ..._parallel import one_of, raised, sweep_points, wide
+from ..._parallel import raised, sweep_points, wide
 from ...objective import Objective
 from ...theory.light_space import LightDepth
 from ..footprint import Footprint, Sides
@@ -209,24 +210,50 @@ def _occupied(sums: Float[Array, "D C L 4"], sizes: tuple[tuple[int, int, int], 
         sums: of the grid's cells.
         sizes: numbers of depths, slopes and layers that a cell joins.
     """
-    shape = sums.shape[:3]
     joined = [_joined(sums, size) for size in sizes]
-    room = joined[-1].shape[0] * joined[-1].shape[1] * joined[-1].shape[2]
-    there = [(each[..., 0] > 0).ravel() for each in joined]
+    room = math.prod(joined[-1].shape[:3])
+    compacted = _compacted_at_once if wide() else _compacted
+    chosen, which, found = compacted([each.reshape(-1, 4) for each in joined], room)
+    size = tuple(jnp.array(sizes)[chosen])
+    across, layers = jnp.array([each.shape[1:3] for each in joined])[chosen]
+    place = which // (across * layers), which // layers % across, which % layers
+    place = tuple(i * by for i, by in zip(place, size, strict=True))
+    return _of_cells(found, place, sums.shape[:3], grid, size)
+
+
+def _compacted(lists: list[Float[Array, "_ 4"]], room: int) -> tuple[Array, Array, Array]:
+    """(the first of the lists of cells of which at most `room` are occupied, which cells of it those are, their sums).
+
+    The last list has `room` cells. Indices and sums are 0 beyond the last occupied cell.
+    """
+    there = [each[:, 0] > 0 for each in lists]
     counts = jnp.stack([each.sum() for each in there])
     chosen = jnp.argmax(counts <= room)
 
-    def of_size(k: int) -> tuple[Array, tuple[Array, ...]]:
-        if k == len(sizes) - 1:
-            which, found = jnp.arange(room), joined[k].reshape(-1, 4)
-        else:
-            (which,) = jnp.nonzero(there[k], size=room, fill_value=0)
-            found = jnp.where((jnp.arange(room) < counts[k])[:, None], joined[k].reshape(-1, 4)[which], 0)
-        place = jnp.unravel_index(which, joined[k].shape[:3])
-        return found, tuple(i * by for i, by in zip(place, sizes[k], strict=True))
+    def of_list(k: int) -> tuple[Array, Array]:
+        if k == len(lists) - 1:
+            return jnp.arange(room), lists[k]
+        (which,) = jnp.nonzero(there[k], size=room, fill_value=0)
+        return which, jnp.where((jnp.arange(room) < counts[k])[:, None], lists[k][which], 0)
 
-    found, place = one_of(chosen, [functools.partial(of_size, k) for k in range(len(sizes))])
-    return _of_cells(found, place, shape, grid, tuple(jnp.array(sizes)[chosen]))
+    return chosen, *jax.lax.switch(chosen, [functools.partial(of_list, k) for k in range(len(lists))])
+
+
+def _compacted_at_once(lists: list[Float[Array, "_ 4"]], room: int) -> tuple[Array, Array, Array]:
+    """As `_compacted`, of all lists as one: counted once, where each by itself would take a dozen kernels."""
+    ends = np.cumsum([len(each) for each in lists])
+    cells = jnp.concatenate(lists)
+    there = cells[:, 0] > 0
+    number = jnp.cumsum(there)
+    before = jnp.concatenate([jnp.zeros(1, number.dtype), number[ends[:-1] - 1]])
+    counts = number[ends - 1] - before
+    chosen = jnp.argmax(counts <= room)
+    of_list = np.repeat(np.arange(len(lists)), np.diff(ends, prepend=0))
+    own = np.concatenate([np.arange(len(each), dtype=np.int32) for each in lists])
+    place = jnp.where(there & (of_list == chosen), number - before[chosen] - 1, room)
+    which = jnp.zeros(room, jnp.int32).at[place].set(own, mode="drop")
+    first = jnp.asarray(np.concatenate([[0], ends[:-1]]))[chosen]
+    return chosen, which, jnp.where((jnp.arange(room) < counts[chosen])[:, None], cells[first + which], 0)
 
 
 def _joined(sums: Float[Array, "D C L 4"], size: tuple[int, int, int]) -> Float[Array, "d c l 4"]:

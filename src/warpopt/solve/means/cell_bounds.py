@@ -111,7 +111,7 @@ def excess_of_cells(
     """
     eta, floor = jnp.exp(u), min_eta.astype(u.dtype)
     most = corner_mean(norm, eta)
-    most = larger(most, norm.touch(eta).value)  # so that the individual receivers' mean is that of the cells within it
+    most = larger(most, norm.mean(eta))  # so that the individual receivers' mean is that of the cells within it
     # A width narrower by a factor leaves at least that factor of a size, and within each of the first intervals one
     # loss is enough where the search's bound is high. In the rest, around the optimum, the best case is searched.
     nodes = even_nodes(floor, jnp.ones_like(floor), NODES)

@@ -136,6 +136,11 @@ class SampleNorm(eqx.Module):
                 pole = pole + jnp.where(concave > 0, concave, 0).sum() / (eta * eta)
         return Touch(value, by_eta + by_width * widening, bend, pole)
 
+    def mean(self, eta: Float[Array, ""]) -> Float[Array, ""]:
+        """J."""
+        nothing = [jnp.zeros_like(eta)] * len(self.parts)
+        return self._sum(eta, self.width(eta), nothing, nothing)
+
     @property
     def parts(self) -> list[Samples]:
         """The samples without and, for a kernel that depends on them, with a known direction."""

@@ -141,7 +141,10 @@ def _least_by_rounds(touches: Callable[[Array], Touch], floor: Array, ceiling: A
     lower = _bounds(*between)[0]
     if tolerance < _COARSE:
         order = jnp.arange(len(lower))
-        before = (lower < lower[:, None]) | ((lower == lower[:, None]) & (order < order[:, None]))
+        # Those beside the best node always: the root finder's bracket is two of their parts.
+        best = jnp.argmin(jnp.where(jnp.isnan(found.value), jnp.inf, found.value))
+        first = jnp.where((order == best) | (order == best - 1), -jnp.inf, lower)
+        before = (first < first[:, None]) | ((first == first[:, None]) & (order < order[:, None]))
         rank = before.sum(1)
         worst = jnp.argmax(rank == jnp.arange(_DIVIDED)[:, None], 1)
         chosen: _Intervals = jax.tree.map(lambda v: v[worst], between)
@@ -173,8 +176,9 @@ def _least_by_rounds(touches: Callable[[Array], Touch], floor: Array, ceiling: A
 
 
 def longest_interval(dtype: Any) -> float:
-    """At most this is log(above / below) of a `Minimum`, where the search is by rounds."""
-    return -2 * math.log(float(jnp.finfo(dtype).tiny)) / (_AT_ONCE - 1)
+    """At most this is log(above / below) of a `Minimum` of the usual tolerance, where the search is by rounds."""
+    ratio = float(jnp.finfo(dtype).tiny) ** (-1 / (_AT_ONCE - 1))
+    return 2 * math.log1p((ratio - 1) / _PARTS)  # parts are of equal length: the first has the largest ratio
 
 
 def even_nodes(floor: Float[Array, ""], ceiling: Float[Array, ""], count: int) -> Float[Array, " count"]:
