@@ -381,6 +381,30 @@ def test_the_script_for_a_gpu_runs_on_a_cpu(tmp_path, main):
     assert "old" not in text
 
 
+PROGRAM = """HloModule jit_solve
+
+%body (a: f32[3]) -> f32[3] {
+  ROOT %twice = f32[3]{0} add(%a, %a)
+}
+
+ENTRY %main.4 (x: f32[3]) -> (f32[3], f32[]) {
+  %x = f32[3]{0} parameter(0)
+  %loop_add_fusion = f32[3]{0} fusion(%x), kind=kLoop, calls=%body
+  %sum = (f32[], pred[]) fusion(%loop_add_fusion), kind=kInput, calls=%body
+  %first = f32[] get-tuple-element(%sum), index=0
+  %copy.1 = f32[3]{0} copy(%loop_add_fusion)
+  ROOT %both = (f32[3]{0}, f32[]) tuple(%copy.1, %first)
+}
+"""
+
+
+def test_kernels_are_counted_or_it_is_said_why_not(script, capsys, tmp_path):
+    """By hand. JAX's plugin for GPUs is no dependency; where it is, nothing is said on stderr."""
+    assert script("gpu_kernels").kernels_of(PROGRAM) == 3
+    if script("gpu_kernels").main(["--short", "--directory", str(tmp_path)]) == 1:
+        assert "cannot compile for an H100 here" in capsys.readouterr().err
+
+
 def test_compilations_are_counted(script):
     import jax
 

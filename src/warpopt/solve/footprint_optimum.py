@@ -199,12 +199,18 @@ def minimise(log_norm: LogNorm, min_eta: Float[Array, ""]) -> Optimum:
 
     # Slopes are sums of a few terms of order one: below this bound they are rounding, and the minimum is flat.
     noise = 16 * eps
-    # Mapped, here and below, so that each formula is compiled once: compiling takes most of a first call.
-    margin, at_floor = jax.vmap(lambda u: slope_at(fixed, u))(jnp.stack([upper, lower]))
     nothing = _same_for_all(fixed)
-    helps = (margin > noise) & ~nothing
-    inside = helps & (at_floor < 0)
-    root, converged = zero_of_slope(fixed, inside, (lower + upper) / 2, lower, upper, noise, longest)
+
+    def helped(slopes: Array) -> tuple[Array, Array]:
+        margin, at_floor = slopes
+        helps = (margin > noise) & ~nothing
+        return helps, helps & (at_floor < 0)
+
+    root, converged, slopes = zero_of_slope(
+        fixed, jnp.stack([upper, lower]), lambda slopes: helped(slopes)[1], (lower + upper) / 2, lower, upper, noise,
+        longest,
+    )  # fmt: skip
+    margin, (helps, inside) = slopes[0], helped(slopes)
     u, outcome, residual = settled(log_norm, root, eps)
     outcome = jnp.where(converged, outcome, Outcome.not_converged)
     u = jnp.where(inside, u, jnp.where(helps, lower, 0))

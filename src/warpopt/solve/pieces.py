@@ -5,6 +5,7 @@ and just above; solving it gives the last digits and the derivatives.
 """
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
@@ -64,29 +65,34 @@ def slope_at(log_norm: PiecewiseLog, u: Float[Array, ""]) -> Float[Array, ""]:
 
 def zero_of_slope(
     log_norm: PiecewiseLog,
-    inside: Bool[Array, ""],
+    beside: Float[Array, " K"],
+    inside_of: Callable[[Float[Array, " K"]], Bool[Array, ""]],
     start: Array,
     lower: Array,
     upper: Array,
     noise: float,
     longest: float,
-) -> tuple[Float[Array, ""], Bool[Array, ""]]:
-    """(where the slope passes `noise` from below, whether it was found), without derivatives.
+) -> tuple[Float[Array, ""], Bool[Array, ""], Float[Array, " K"]]:
+    """(where the slope passes `noise` from below, whether it was found, the slopes at `beside`), without derivatives.
 
     Args:
         log_norm: with its derivatives stopped.
-        inside: whether there is a zero to find; else `start` comes back.
+        beside: where the slope is asked for too: mapped with what else is evaluated, each formula is compiled once.
+        inside_of: from those slopes, whether there is a zero to find; else `start` comes back.
         start: where the search begins.
         lower, upper: where it ends.
         noise: slopes below it are rounding.
         longest: upper - lower at most.
     """
+    slopes_at = jax.vmap(lambda u: slope_at(log_norm, u))
     if wide():
-        return _zero_by_rounds(log_norm, inside, start, lower, upper, noise, longest)
+        return _zero_by_rounds(slopes_at, beside, inside_of, start, lower, upper, noise, longest)
     import optimistix as optx  # see `positive_root`
 
     from .bracketed_newton import BracketedNewton
 
+    slopes = slopes_at(beside)
+    inside = inside_of(slopes)
     root = optx.root_find(
         lambda u, _: (jnp.where(inside, slope_at(log_norm, u) - noise, u - start), None),
         BracketedNewton(rtol=0.5 * float(jnp.finfo(lower.dtype).eps) ** 0.5, atol=0.0),
@@ -96,28 +102,31 @@ def zero_of_slope(
         max_steps=256,
         throw=False,
     )
-    return root.value, root.stats["converged"]
+    return root.value, root.stats["converged"], slopes
 
 
 def _zero_by_rounds(
-    log_norm: PiecewiseLog, inside: Array, start: Array, lower: Array, upper: Array, noise: float, longest: float
-) -> tuple[Array, Array]:
+    slopes_at: Callable[[Array], Array], beside: Array, inside_of: Callable[[Array], Array], start: Array,
+    lower: Array, upper: Array, noise: float, longest: float,
+) -> tuple[Array, Array, Array]:  # fmt: skip
     """As `zero_of_slope`: a fixed number of rounds, each of which evaluates many slopes at once."""
     eps = float(jnp.finfo(lower.dtype).eps)
     parts = longest / (0.5 * eps**0.5)
     rounds = math.ceil(math.log(parts) / math.log(_AT_ONCE))
     count = 1 + math.ceil(parts ** (1 / rounds))
     share = jnp.linspace(0, 1, count, dtype=lower.dtype)
-    ends = jnp.zeros(2, lower.dtype)
-    for _ in range(rounds):
+    ends = of_beside = jnp.zeros(2, lower.dtype)
+    for i in range(rounds):
         at = lower + (upper - lower) * share
-        slopes = jax.vmap(lambda u: slope_at(log_norm, u))(at) - noise
+        found = slopes_at(jnp.concatenate([at, beside]) if i == 0 else at)
+        of_beside = found[count:] if i == 0 else of_beside
+        slopes = found[:count] - noise
         last = jnp.clip(first_at_least(slopes, 0.0)[0], 1, count - 1)
         lower, upper, ends = at[last - 1], at[last], jnp.stack([slopes[last - 1], slopes[last]])
     rise = ends[1] - ends[0]
     share = jnp.clip(-ends[0] / jnp.where(rise > 0, rise, 1), 0, 1)
-    found = lower + (upper - lower) * jnp.where(rise > 0, share, 0.5)
-    return jnp.where(inside, found, start), ~inside | jnp.isfinite(ends).all()
+    zero, inside = lower + (upper - lower) * jnp.where(rise > 0, share, 0.5), inside_of(of_beside)
+    return jnp.where(inside, zero, start), ~inside | jnp.isfinite(ends).all(), of_beside
 
 
 def settled(log_norm: PiecewiseLog, found: Array, eps: float) -> tuple[Array, Array, Array]:

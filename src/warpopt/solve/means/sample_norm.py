@@ -120,12 +120,15 @@ class SampleNorm(eqx.Module):
         width, widening = (sum((side[k] for side in sides), start=jnp.zeros_like(eta)) for k in (0, 1))
         parts = self.parts
         nothing = [jnp.zeros_like(part.weight) for part in parts]
-        # One pass backwards for all: compiling takes most of a first call.
-        value, slopes = jax.value_and_grad(self._sum, (0, 1, 2, 3))(eta, width, nothing, nothing)
-        by_eta, by_width, by_row, by_lean = slopes
-        bend = pole = jnp.zeros_like(eta)
-        for part, rise, lean_rise in zip(parts, by_row, by_lean, strict=True):
+        etas = [jnp.broadcast_to(eta, part.weight.shape) for part in parts]
+        # One pass backwards for all: compiling takes most of a first call. By each sample's own eta, so that what is
+        # left are a few sums of equal shape, which a GPU takes together.
+        value, slopes = jax.value_and_grad(self._sum, (0, 2, 3))(etas, width, nothing, nothing)
+        by_eta = by_width = bend = pole = jnp.zeros_like(eta)
+        for part, own, rise, lean_rise in zip(parts, *slopes, strict=True):
             delta = part.depth.delta
+            by_eta = by_eta + own.sum()
+            by_width = by_width + (rise * part.depth.blend(eta)).sum() * self.across
             for _, steepness, first in sides:
                 before = jnp.where(delta < first, 1 - delta / jnp.where(first > 0, first, 1), 0)
                 bend = bend - self.across * steepness * (rise * before).sum()
@@ -138,8 +141,9 @@ class SampleNorm(eqx.Module):
 
     def mean(self, eta: Float[Array, ""]) -> Float[Array, ""]:
         """J."""
-        nothing = [jnp.zeros_like(eta)] * len(self.parts)
-        return self._sum(eta, self.width(eta), nothing, nothing)
+        count = len(self.parts)
+        nothing = [jnp.zeros_like(eta)] * count
+        return self._sum([eta] * count, self.width(eta), nothing, nothing)
 
     @property
     def parts(self) -> list[Samples]:
@@ -198,10 +202,10 @@ class SampleNorm(eqx.Module):
     def _texels(self, eta: Array, width: Array) -> tuple[Array, Array, Array]:
         return self.errors(self.samples.depth, self.samples.lateral, eta, width)
 
-    def _sum(self, eta: Array, width: Array, rows: list[Array], leaning: list[Array]) -> Array:
-        """J, with something added to each part's E_q, and to its columns' extents across edges."""
-        total = jnp.zeros_like(eta)
-        for part, row, column in zip(self.parts, rows, leaning, strict=True):
+    def _sum(self, etas: list[Array], width: Array, rows: list[Array], leaning: list[Array]) -> Array:
+        """J, of each part's eta, with something added to its E_q, and to its columns' extents across edges."""
+        total = jnp.zeros_like(width)
+        for part, eta, row, column in zip(self.parts, etas, rows, leaning, strict=True):
             e_p, sigma, e_q = self.errors(part.depth, part.lateral, eta, width)
             size = self.size((e_p, sigma, e_q + row), part.normal, column)
             total = total + (part.weight * power(size, self.order)).sum()
@@ -223,8 +227,9 @@ class SampleNorm(eqx.Module):
         eta = jnp.exp(u)
         width = self._width(eta, active.right, active.left)
         if self.kernel == "band":
-            nothing = [jnp.zeros_like(eta)] * len(self.parts)
-            return self._sum(eta, width, nothing, nothing)
+            count = len(self.parts)
+            nothing = [jnp.zeros_like(eta)] * count
+            return self._sum([eta] * count, width, nothing, nothing)
         e_p, sigma, e_q = self._texels(eta, width)
         column = e_p if self.kernel == "max" else e_p * jnp.sqrt(1 + sigma * sigma)
         return (self.samples.weight * power(jnp.where(active.across, e_q, column), self.order)).sum()

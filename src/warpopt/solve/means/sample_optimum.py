@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..outcome import Outcome
-from ..pieces import Optimum, settled, slope_at, value_at, zero_of_slope
+from ..pieces import Optimum, settled, value_at, zero_of_slope
 from .sample_norm import SampleNorm
 from .weak_convexity import Minimum, least, longest_interval
 
@@ -38,13 +38,18 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
     lower = jnp.log(jnp.where(found.below > 0, found.below, floor))
     upper = jnp.where(jnp.isfinite(found.above), jnp.log(jnp.where(jnp.isfinite(found.above), found.above, 1)), last)
     upper = jnp.where(upper > last, last, upper)
-    margin = slope_at(fixed, last)
-    # At an end of the range: the best node is the last, and the norm still falls towards it.
-    no_warp = (~jnp.isfinite(found.above) & ~(margin > noise)) | nothing
-    unbounded = (found.below == 0) & ~(found.slope < 0) & ~no_warp
-    inside = ~no_warp & ~unbounded
+
+    def placed(slopes: Array) -> tuple[Array, Array]:
+        """(whether the norm still falls towards the lower end, whether the minimum is inside)."""
+        no_warp = (~jnp.isfinite(found.above) & ~(slopes[0] > noise)) | nothing
+        unbounded = (found.below == 0) & ~(found.slope < 0) & ~no_warp
+        return unbounded, ~no_warp & ~unbounded
+
     middle = jnp.clip(jnp.log(found.eta), lower, upper)
-    root, _ = zero_of_slope(fixed, inside, middle, lower, upper, noise, longest_interval(dtype))
+    root, _, slopes = zero_of_slope(
+        fixed, last[None], lambda slopes: placed(slopes)[1], middle, lower, upper, noise, longest_interval(dtype)
+    )
+    margin, (unbounded, inside) = slopes[0], placed(slopes)
     u, outcome, residual = settled(norm, root, eps)
     # Between its neighbours the best node may have a local minimum on either side of it: the node, which is within the
     # tolerance of the global minimum, is kept if the one that the root finder came to is the worse.
