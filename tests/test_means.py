@@ -570,6 +570,25 @@ def test_gradients_reach_the_pixels():
     np.testing.assert_allclose(solved(1.0)[1], slope, rtol=1e-3, atol=1e-6)
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_what_is_not_proved_is_no_optimum(dtype):
+    """With a least eta whose square is 0 in the dtype: without a bound, the gap was 0 and the warp any."""
+    points, weights, light = (v[21].astype(dtype) for v in sets())
+    camera = jax.tree.map(lambda v: v.astype(dtype), CAMERA)
+    view = SceneView(camera, DirectionalLight(light), PointReceivers(points, weights), screen=SCREEN, shadow_map=MAP)
+    usual, far, beyond = (
+        optimal_warp(view, Objective("edge"), min_eta=eta, throw=False)
+        for eta in (1e-4, *((1e-100, 1e-160) if dtype is np.float64 else (1e-12, 1e-25)))
+    )
+    assert far.result == usual.result == Outcome.stationary
+    np.testing.assert_allclose(far.warp.eta, usual.warp.eta, rtol=64 * float(np.finfo(dtype).eps) ** 0.5)
+    assert far.gap <= 1e-5
+    assert beyond.result == Outcome.inaccurate
+    assert np.isinf(beyond.gap)
+    with pytest.raises(RuntimeError, match="the lower bound of a mean is no number"):
+        optimal_warp(view, Objective("edge"), min_eta=float(1e-160 if dtype is np.float64 else 1e-25))
+
+
 def test_single_precision_agrees():
     objective = Objective("edge")
     points, weights, light = (v[21].astype(np.float32) for v in sets())

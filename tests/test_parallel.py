@@ -10,13 +10,13 @@ import pytest
 
 import warpopt
 from warpopt import Camera, DirectionalLight, Objective, SceneView
-from warpopt._parallel import extremes, one_of, raised
+from warpopt._parallel import extremes, raised
 from warpopt.receivers import DepthBuffer
 from warpopt.receivers.weighted import cells
 from warpopt.solve import chunks
 from warpopt.solve.frusta import Method, solve_frusta
 from warpopt.solve.means.sample_norm import Touch
-from warpopt.solve.means.weak_convexity import least
+from warpopt.solve.means.weak_convexity import least, longest_interval
 from warpopt.solve.scene import solve_scene
 
 CAMERA = Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=500.0, half_fov=0.4, aspect=1.6)
@@ -110,7 +110,52 @@ def test_extremes_of_groups(wide, dtype):
     jax.tree.map(np.testing.assert_array_equal, found, expected)
     np.testing.assert_array_equal(found_slopes, slopes)
     np.testing.assert_array_equal(mapped, expected["low"])
-    assert one_of(jnp.asarray(1), [lambda: jnp.zeros(2), lambda: jnp.ones(2)]).sum() == 2
+
+
+@pytest.mark.parametrize("occupied", [0.0, 0.002, 0.05, 0.3, 1.0])
+def test_cells_are_compacted_at_once_as_one_by_one(occupied):
+    """The finest list that fits, in its order, and 0 beyond: also of none, and where only the last one fits."""
+    rng = np.random.default_rng(3)
+    lists = [jnp.asarray(rng.random((count, 4)) * (rng.random((count, 1)) < occupied)) for count in (960, 240, 60)]
+    chosen, which, found = jax.jit(lambda v: cells._compacted(v, 60))(lists)
+    others = jax.jit(lambda v: cells._compacted_at_once(v, 60))(lists)
+    assert int(chosen) == int(others[0]) == [bool(np.count_nonzero(v[:, 0]) <= 60) for v in lists].index(True)
+    np.testing.assert_array_equal(others[2][: len(found)][others[2][:, 0] > 0], found[found[:, 0] > 0])
+    np.testing.assert_array_equal(others[1][others[2][:, 0] > 0], which[found[:, 0] > 0])
+    np.testing.assert_allclose(others[2].sum(0), found.sum(0), rtol=1e-13)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_the_root_finder_s_bracket_is_as_long_as_promised(dtype, wide):
+    """With a minimum between any two nodes, also near the ends, of functions whose bounds are lowest elsewhere."""
+    wide()
+    longest, brackets = longest_interval(dtype), []
+
+    @jax.jit
+    @jax.vmap
+    def bracket(floor, place):
+        at = floor ** (1 - place)  # from the floor to 1
+
+        def touch(eta):
+            away = jnp.log(eta / at)
+            # Flat bounds to the right of the minimum, where nothing is to be found.
+            bend = jnp.where(eta > at, 1e4, 0.0).astype(eta.dtype)
+            # Slopes are finite at the least eta.
+            return Touch(1 + 0.05 * away * away, 0.1 * away / eta, bend, jnp.zeros_like(eta))
+
+        found = least(touch, floor)
+        return found.below, found.above, at
+
+    tiny = float(np.finfo(dtype).tiny)
+    floors, places = (v.ravel() for v in np.meshgrid([1e-4, 0.3, 10 * tiny], np.linspace(0.01, 0.99, 97)))
+    below, above, at = map(np.asarray, bracket(jnp.asarray(floors, dtype), jnp.asarray(places, dtype)))
+    inside = (below > 0) & np.isfinite(above)
+    assert inside.mean() > 0.9
+    brackets = np.log(above[inside]) - np.log(below[inside])
+    assert (brackets <= longest * (1 + 1e-3)).all()
+    assert brackets.max() > longest / 3  # it is no idle promise
+    blurred = 8 * float(np.finfo(dtype).eps) ** 0.5  # nodes this close to the minimum have its value
+    assert ((below <= at * (1 + blurred)) & (at <= above * (1 + blurred))).all()
 
 
 @pytest.mark.thorough

@@ -5,7 +5,7 @@ host and back at each step (22 us on an H200, where a sum over two million pixel
 once, branches are all taken and one is kept, and extremes of groups are kept in several copies that few threads share.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -59,13 +59,6 @@ def sweep_points(
 def mapped(function: Callable[[Any], Any], values: PyTree) -> PyTree:
     """`jax.lax.map`, one by one or all at once."""
     return jax.vmap(function)(values) if wide() else jax.lax.map(function, values)
-
-
-def one_of(which: Int[Array, ""], branches: Sequence[Callable[[], Any]]) -> PyTree:
-    """`jax.lax.switch` without operands."""
-    if not wide():
-        return jax.lax.switch(which, branches)
-    return jax.tree.map(lambda *each: jnp.stack(each)[which], *(branch() for branch in branches))
 
 
 def extremes(values: PyTree, signs: PyTree, which: Int[Array, " N"], count: int) -> PyTree:

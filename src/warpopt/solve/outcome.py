@@ -52,7 +52,10 @@ _SENTENCES = {
     Outcome.unbounded: "The norm falls as eta goes to 0: eta is the requested minimum (min_eta).",
     Outcome.empty: "There are no receivers: nothing needs a shadow map.",
     Outcome.not_converged: "The root finder ran out of steps before its bracket closed.",
-    Outcome.inaccurate: "The quadrature's error estimate exceeds its tolerance; the optimum is not certified.",
+    Outcome.inaccurate: (
+        "The optimum is not certified: the quadrature's error estimate exceeds its tolerance, or the lower bound of a "
+        "mean is no number, as with min_eta below 1e-100 (1e-12 in single precision)."
+    ),
     Outcome.depth_weighted: "All weights are 0 (no shadow edge is known): receivers were weighted by depth instead.",
     Outcome.not_finite: (
         "The norm is not a finite number: far/near beyond 7.9e13, unbounded receivers, exponents or an order so large "

@@ -194,8 +194,9 @@ def _of_samples(norm: SampleNorm, min_eta: Array) -> tuple[Optimum, Array, Array
 
 
 def _over(value: Array, least: Array) -> Array:
-    """value / least - 1, at least 0; 0 where there is no bound."""
-    over = jnp.where(least > 0, value / jnp.where(least > 0, least, 1) - 1, 0)
+    """value / least - 1, at least 0; inf where the bound says nothing, but for no error at all."""
+    none = jnp.where(value > 0, jnp.inf, 0)
+    over = jnp.where(least > 0, value / jnp.where(least > 0, least, 1) - 1, none)
     return jnp.where(over > 0, over, 0)
 
 

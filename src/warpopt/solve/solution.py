@@ -56,10 +56,11 @@ class SceneSolution(eqx.Module):
             0 where there is nothing to warp (flat, empty).
         unwarped: the norm without a warp.
         excess: bound on the regret due to conservative grouping of many points or pixels: `value` over a lower bound of
-            the minimum for the individual receivers, minus 1. 0 where nothing is grouped, NaN where receivers are
-            grouped in a map of free lateral fit.
+            the minimum for the individual receivers, minus 1. 0 where nothing is grouped, inf where that bound is 0,
+            NaN where receivers are grouped in a map of free lateral fit.
         gap: `value` over a lower bound of the norm for all eta in [min_eta, 1], minus 1, for a mean of "max", "edge" or
-            "band", which may have several local minima; 0 for all other norms, which are proved to have one.
+            "band", which may have several local minima, and inf where nothing is proved; 0 for all other norms, which
+            are proved to have one.
         frame: W's axes.
         footprint: the receivers' extents.
         direction: (3,) world unit vector of W's axis, across the light.

@@ -31,7 +31,7 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
     eps = float(jnp.finfo(dtype).eps)
     floor = min_eta.astype(dtype)
     found = least(fixed.touch, floor)
-    nothing = fixed.footprint.flat | fixed.footprint.empty | ~(found.value > 0)
+    nothing = fixed.footprint.flat | fixed.footprint.empty | (found.value <= 0)
 
     noise = 16 * eps
     last = jnp.asarray(-4 * eps**0.5, dtype)
@@ -60,9 +60,11 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
     residual = jnp.where(better, residual, jnp.abs(found.slope * found.eta / positive) / norm.order)
     u = jnp.where(inside, jnp.where(better, u, node), jnp.where(unbounded, jnp.log(floor), 0))
     outcome = jnp.where(inside, outcome, jnp.where(unbounded, Outcome.unbounded, Outcome.no_warp))
+    least_sum = found.bounds.min()
+    # Curves without numbers, whose squares of eta underflow, prove nothing, and the search may have missed anything.
+    outcome = jnp.where(jnp.isfinite(least_sum) | nothing, outcome, Outcome.inaccurate)
     outcome = jnp.where(fixed.footprint.flat, Outcome.flat, outcome)
     outcome = jnp.where(fixed.footprint.empty, Outcome.empty, outcome).astype(jnp.int32)
     residual, margin = jnp.where(inside, residual, 0), jnp.where(nothing, 0, margin)
-    least_sum = found.bounds.min()
     bound = jnp.where(least_sum > 0, least_sum, 0) ** (1 / norm.order) * jnp.exp(fixed.log_scale)
     return SampleOptimum(Optimum(u, outcome, residual, margin), bound, found)

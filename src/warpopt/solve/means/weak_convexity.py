@@ -106,7 +106,7 @@ def least(
 
 def _bounds(start: Array, end: Array, left: Touch, right: Touch) -> tuple[Array, Array]:
     """(each interval's lower bound, where it is attained) from the curves that touch at its ends; inf where it ends
-    nowhere."""
+    nowhere, -inf where the curves have no numbers."""
     inside = jnp.isfinite(end)
     width = jnp.where(inside, end - jnp.where(inside, start, 0), 1)
     # 1/e is largest at the start, and a concave parabola lies above its chord.
@@ -120,6 +120,7 @@ def _bounds(start: Array, end: Array, left: Touch, right: Touch) -> tuple[Array,
         return jnp.maximum(left.value + falling * t, right.value + rising * (t - width))
 
     lower = jnp.minimum(at(meeting), jnp.minimum(at(jnp.zeros_like(width)), at(width)))
+    lower = jnp.where(jnp.isnan(lower), -jnp.inf, lower)
     return jnp.where(inside, lower, jnp.inf), start + jnp.clip(meeting, 0.1 * width, 0.9 * width)
 
 
@@ -143,7 +144,8 @@ def _least_by_rounds(touches: Callable[[Array], Touch], floor: Array, ceiling: A
         order = jnp.arange(len(lower))
         # Those beside the best node always: the root finder's bracket is two of their parts.
         best = jnp.argmin(jnp.where(jnp.isnan(found.value), jnp.inf, found.value))
-        first = jnp.where((order == best) | (order == best - 1), -jnp.inf, lower)
+        beside = (order == best) | (order == best - 1)
+        first = jnp.where(beside, -jnp.inf, jnp.maximum(lower, jnp.finfo(lower.dtype).min))
         before = (first < first[:, None]) | ((first == first[:, None]) & (order < order[:, None]))
         rank = before.sum(1)
         worst = jnp.argmax(rank == jnp.arange(_DIVIDED)[:, None], 1)
@@ -168,7 +170,7 @@ def _least_by_rounds(touches: Callable[[Array], Touch], floor: Array, ceiling: A
             for one, other in ((between, divided), (nodes, inner.ravel()), (found, within))
         )
     i = jnp.argmin(jnp.where(jnp.isnan(found.value), jnp.inf, found.value))
-    eta, live = nodes[i], jnp.isfinite(lower)
+    eta, live = nodes[i], lower < jnp.inf
     start, end = between.start, between.end
     below = jnp.where(live & (end == eta) & (start < eta), start, 0).max()
     above = jnp.where(live & (start == eta) & (end > eta), end, jnp.inf).min()
