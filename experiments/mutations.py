@@ -167,7 +167,6 @@ MUTATIONS = (
              "for each in there])\n    chosen = len(lists) - 1", "means", "noise"),
     Mutation("receivers/weighted/cells.py", "number - before[chosen] - 1, room)", "number - 1, room)", "parallel",
              "compacted"),
-    Mutation("receivers/weighted/cells.py", "there & (of_list == chosen)", "there", "parallel", "compacted"),
     Mutation("receivers/weighted/cells.py", "cells[first + which]", "cells[which]", "parallel", "compacted"),
     Mutation("solve/means/weak_convexity.py", "(order == best) | (order == best - 1)", "order == best", "parallel",
              "bracket"),

@@ -112,7 +112,7 @@ def test_extremes_of_groups(wide, dtype):
     np.testing.assert_array_equal(mapped, expected["low"])
 
 
-@pytest.mark.parametrize("occupied", [0.0, 0.002, 0.05, 0.3, 1.0])
+@pytest.mark.parametrize("occupied", [0.0, 0.002, 0.05, 0.2, 0.3, 1.0])
 def test_cells_are_compacted_at_once_as_one_by_one(occupied):
     """The finest list that fits, in its order, and 0 beyond: also of none, and where only the last one fits."""
     rng = np.random.default_rng(3)
