@@ -399,10 +399,17 @@ ENTRY %main.4 (x: f32[3]) -> (f32[3], f32[]) {
 
 
 def test_kernels_are_counted_or_it_is_said_why_not(script, capsys, tmp_path):
-    """By hand. JAX's plugin for GPUs is no dependency; where it is, nothing is said on stderr."""
-    assert script("gpu_kernels").kernels_of(PROGRAM) == 3
-    if script("gpu_kernels").main(["--short", "--directory", str(tmp_path)]) == 1:
+    """By hand. JAX's plugin for GPUs is no dependency of the tests."""
+    counted = script("gpu_kernels")
+    assert counted.kernels_of(PROGRAM) == 3
+    with pytest.raises(ValueError, match="got while in its entry"):
+        counted.kernels_of(PROGRAM.replace("copy(", "while("))
+    if counted.main(["--short", "--directory", str(tmp_path)]) == 0:
+        ((_, _, count),) = json.loads((tmp_path / "kernels.json").read_text())["kernels"]
+        assert 10 < count < 100
+    else:
         assert "cannot compile for an H100 here" in capsys.readouterr().err
+        assert not any(tmp_path.iterdir())
 
 
 def test_compilations_are_counted(script):

@@ -115,7 +115,7 @@ def fractions(near: Numbers, far: Numbers, shares: Sequence[float]) -> Float[Arr
         (..., len(shares) + 2) depths from near to far.
 
     Raises:
-        ValueError: near or far out of range; shares not in (0, 1), not increasing, or of a first end before near.
+        ValueError: near or far out of range; shares not in (0, 1) or not increasing; a first end not beyond near.
 
     Example:
         >>> fractions(0.1, 100.0, (0.1, 0.2, 0.5)).tolist()

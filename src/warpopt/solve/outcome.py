@@ -54,7 +54,7 @@ _SENTENCES = {
     Outcome.not_converged: "The root finder ran out of steps before its bracket closed.",
     Outcome.inaccurate: (
         "The optimum is not certified: the quadrature's error estimate exceeds its tolerance, or the lower bound of a "
-        "mean is no number, as with min_eta below 1e-100 (1e-12 in single precision)."
+        "mean is no number, as with min_eta below 1e-100 (1e-12 in single precision) or a large order."
     ),
     Outcome.depth_weighted: "All weights are 0 (no shadow edge is known): receivers were weighted by depth instead.",
     Outcome.not_finite: (

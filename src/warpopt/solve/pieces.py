@@ -46,7 +46,7 @@ class PiecewiseLog(Protocol):
         ...
 
 
-_AT_ONCE = 720  # slopes in a round, on devices of many threads: two or four rounds over all eta that a dtype holds
+_SLOPES_AT_ONCE = 720  # on devices of many threads: two or four rounds over all eta that a dtype holds
 
 
 class Optimum(NamedTuple):
@@ -112,21 +112,22 @@ def _zero_by_rounds(
     """As `zero_of_slope`: a fixed number of rounds, each of which evaluates many slopes at once."""
     eps = float(jnp.finfo(lower.dtype).eps)
     parts = longest / (0.5 * eps**0.5)
-    rounds = math.ceil(math.log(parts) / math.log(_AT_ONCE))
+    rounds = math.ceil(math.log(parts) / math.log(_SLOPES_AT_ONCE))
     count = 1 + math.ceil(parts ** (1 / rounds))
     share = jnp.linspace(0, 1, count, dtype=lower.dtype)
-    ends = of_beside = jnp.zeros(2, lower.dtype)
-    for i in range(rounds):
-        at = lower + (upper - lower) * share
-        found = slopes_at(jnp.concatenate([at, beside]) if i == 0 else at)
-        of_beside = found[count:] if i == 0 else of_beside
-        slopes = found[:count] - noise
+    at = lower + (upper - lower) * share
+    slopes, of_beside = jnp.split(slopes_at(jnp.concatenate([at, beside])), [count])
+    for more in range(rounds - 1, -1, -1):
+        slopes = slopes - noise
         last = jnp.clip(first_at_least(slopes, 0.0)[0], 1, count - 1)
-        lower, upper, ends = at[last - 1], at[last], jnp.stack([slopes[last - 1], slopes[last]])
+        lower, upper, ends = at[last - 1], at[last], (slopes[last - 1], slopes[last])
+        if more:
+            at = lower + (upper - lower) * share
+            slopes = slopes_at(at)
     rise = ends[1] - ends[0]
     share = jnp.clip(-ends[0] / jnp.where(rise > 0, rise, 1), 0, 1)
     zero, inside = lower + (upper - lower) * jnp.where(rise > 0, share, 0.5), inside_of(of_beside)
-    return jnp.where(inside, zero, start), ~inside | jnp.isfinite(ends).all(), of_beside
+    return jnp.where(inside, zero, start), ~inside | (jnp.isfinite(ends[0]) & jnp.isfinite(ends[1])), of_beside
 
 
 def settled(log_norm: PiecewiseLog, found: Array, eps: float) -> tuple[Array, Array, Array]:

@@ -187,6 +187,10 @@ def _of_samples(norm: SampleNorm, min_eta: Array) -> tuple[Optimum, Array, Array
     optimum, lower, search = minimise_mean(norm, min_eta)
     # Both in one map: the norm is compiled once.
     value, unwarped = jax.vmap(lambda u: value_at(norm, u))(jnp.stack([optimum.log_eta, jnp.zeros_like(lower)]))
+    # Of a mean this small some powers of sizes were flushed to 0, or all.
+    numbers = jnp.finfo(value.dtype)
+    lost = (search.value < numbers.tiny / numbers.eps) & (unwarped > 0)
+    optimum = optimum._replace(outcome=jnp.where(lost, Outcome.inaccurate, optimum.outcome))
     best_case = eqx.tree_at(lambda n: n.footprint, norm, norm.footprint.at_best())
     exact = norm.samples.corners is None and not norm.footprint.grouped
     excess = jnp.zeros_like(value) if exact else excess_of_cells(norm, best_case, search, optimum.log_eta, min_eta)

@@ -85,15 +85,18 @@ def aggregate(
         >>> [aggregate(name, e_p, e_q).tolist() for name in ("pxq", "max")]
         [[3.0, 3.0], [2.0, 3.0]]
     """
-    objective = Objective(metric)
+    return _aggregated(Objective(metric), e_p, e_q, sigma)
+
+
+def _aggregated(objective: Objective, e_p: Array, e_q: Array, sigma: Array | None = None) -> Array:
     if objective.storage:
         return e_p * e_q
     if objective.kernel is None:
         return functools.reduce(larger, [power(e_p, t.alpha) * power(e_q, t.beta) for t in objective.terms])
     if sigma is None:
         raise ValueError(
-            f"metric: got {metric!r}, which also depends on the shear of a texel, expected 'p', 'q', 'pxq', 'max' or a "
-            "warpopt.Metric"
+            f"metric: got {objective.name!r}, which also depends on the shear of a texel, expected 'p', 'q', 'pxq', "
+            "'max' or a warpopt.Metric"
         )
     return KERNELS[objective.kernel](e_p, sigma, e_q)
 
@@ -107,15 +110,15 @@ def _over(warp: Warp, space: LightSpace) -> Warp:
     return own
 
 
-@functools.partial(jax.jit, static_argnames=("depth_at", "metric"), inline=True)
+@functools.partial(jax.jit, static_argnames=("depth_at", "objective"), inline=True)
 def _error(
-    space: LightSpace, eta: Array, depth_at: Callable[..., LightDepth], at: Array, z: Array, metric: str | Metric
+    space: LightSpace, eta: Array, depth_at: Callable[..., LightDepth], at: Array, z: Array, objective: Objective
 ) -> Array:
-    """At eye depth z and what `depth_at`, a method of `LightSpace`, takes before it."""
+    """The objective's metric at eye depth z and what `depth_at`, a method of `LightSpace`, takes before it."""
     depth = depth_at(space, at, z)
     along = space.mu_over_far * (space.far / z) / space.tan_phi
     across = 2 * (space.far / z) / inverse_width(space, eta)
-    return aggregate(metric, *errors(depth.blend(eta), eta, along, across))
+    return _aggregated(objective, *errors(depth.blend(eta), eta, along, across))
 
 
 def aliasing_error(
@@ -146,7 +149,7 @@ def aliasing_error(
     """
     space = LightSpace(frustum, checked_theta(theta, frustum))
     y, z = floats_of(space.near.dtype, y=y, z=z)
-    return _error(space, _over(warp, space).eta, LightSpace.depth_yz, y, z, metric)
+    return _error(space, _over(warp, space).eta, LightSpace.depth_yz, y, z, Objective(metric))
 
 
 def aliasing_error_uz(
@@ -177,7 +180,7 @@ def aliasing_error_uz(
     """
     space = LightSpace(frustum, checked_theta(theta, frustum))
     u, z = floats_of(space.near.dtype, u=u, z=z)
-    return _error(space, _over(warp, space).eta, LightSpace.depth_uz, u, z, metric)
+    return _error(space, _over(warp, space).eta, LightSpace.depth_uz, u, z, Objective(metric))
 
 
 def local_aliasing_error(

@@ -224,7 +224,7 @@ def _occupied(sums: Float[Array, "D C L 4"], sizes: tuple[tuple[int, int, int], 
 def _compacted(lists: list[Float[Array, "_ 4"]], room: int) -> tuple[Array, Array, Array]:
     """(the first of the lists of cells of which at most `room` are occupied, which cells of it those are, their sums).
 
-    The last list has `room` cells. Indices and sums are 0 beyond the last occupied cell.
+    The last list has `room` cells, and comes back as it is. Of others indices and sums are 0 beyond the last one.
     """
     there = [each[:, 0] > 0 for each in lists]
     counts = jnp.stack([each.sum() for each in there])
@@ -240,7 +240,10 @@ def _compacted(lists: list[Float[Array, "_ 4"]], room: int) -> tuple[Array, Arra
 
 
 def _compacted_at_once(lists: list[Float[Array, "_ 4"]], room: int) -> tuple[Array, Array, Array]:
-    """As `_compacted`, of all lists as one: counted once, where each by itself would take a dozen kernels."""
+    """As `_compacted`, of all lists as one: counted once, where each by itself would take a dozen kernels.
+
+    Of the last list too only the occupied cells come back.
+    """
     ends = np.cumsum([len(each) for each in lists])
     cells = jnp.concatenate(lists)
     there = cells[:, 0] > 0

@@ -47,7 +47,7 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
 
     middle = jnp.clip(jnp.log(found.eta), lower, upper)
     root, _, slopes = zero_of_slope(
-        fixed, last[None], lambda slopes: placed(slopes)[1], middle, lower, upper, noise, longest_interval(dtype)
+        fixed, last[None], lambda found: placed(found)[1], middle, lower, upper, noise, longest_interval(dtype)
     )
     margin, (unbounded, inside) = slopes[0], placed(slopes)
     u, outcome, residual = settled(norm, root, eps)

@@ -178,7 +178,10 @@ def _least_by_rounds(touches: Callable[[Array], Touch], floor: Array, ceiling: A
 
 
 def longest_interval(dtype: Any) -> float:
-    """At most this is log(above / below) of a `Minimum` of the usual tolerance, where the search is by rounds."""
+    """At most this is log(above / below) of a `Minimum` of the usual tolerance, where the search is by rounds.
+
+    For a floor of some of the dtype's least normal numbers: below, widths are 0.
+    """
     ratio = float(jnp.finfo(dtype).tiny) ** (-1 / (_AT_ONCE - 1))
     return 2 * math.log1p((ratio - 1) / _PARTS)  # parts are of equal length: the first has the largest ratio
 
