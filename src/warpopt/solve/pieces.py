@@ -117,17 +117,20 @@ def _zero_by_rounds(
     share = jnp.linspace(0, 1, count, dtype=lower.dtype)
     at = lower + (upper - lower) * share
     slopes, of_beside = jnp.split(slopes_at(jnp.concatenate([at, beside])), [count])
-    for more in range(rounds - 1, -1, -1):
-        slopes = slopes - noise
-        last = jnp.clip(first_at_least(slopes, 0.0)[0], 1, count - 1)
-        lower, upper, ends = at[last - 1], at[last], (slopes[last - 1], slopes[last])
-        if more:
-            at = lower + (upper - lower) * share
-            slopes = slopes_at(at)
-    rise = ends[1] - ends[0]
-    share = jnp.clip(-ends[0] / jnp.where(rise > 0, rise, 1), 0, 1)
+    lower, upper, below, above = _bracket(at, slopes - noise)
+    for _ in range(rounds - 1):
+        at = lower + (upper - lower) * share
+        lower, upper, below, above = _bracket(at, slopes_at(at) - noise)
+    rise = above - below
+    share = jnp.clip(-below / jnp.where(rise > 0, rise, 1), 0, 1)
     zero, inside = lower + (upper - lower) * jnp.where(rise > 0, share, 0.5), inside_of(of_beside)
-    return jnp.where(inside, zero, start), ~inside | (jnp.isfinite(ends[0]) & jnp.isfinite(ends[1])), of_beside
+    return jnp.where(inside, zero, start), ~inside | (jnp.isfinite(below) & jnp.isfinite(above)), of_beside
+
+
+def _bracket(at: Array, slopes: Array) -> tuple[Array, Array, Array, Array]:
+    """Two neighbours between which the slope comes to 0 from below, and their slopes."""
+    last = jnp.clip(first_at_least(slopes, 0.0)[0], 1, len(at) - 1)
+    return at[last - 1], at[last], slopes[last - 1], slopes[last]
 
 
 def settled(log_norm: PiecewiseLog, found: Array, eps: float) -> tuple[Array, Array, Array]:
