@@ -69,7 +69,7 @@ class GroundPlane(Receivers):
 
     def places(self, camera: Camera) -> tuple[Float[Array, "N 3"], Float[Array, " N"]]:
         """See `Receivers`: the polygon's vertices."""
-        points, there, _ = _polygon(camera, self)
+        points, there, _ = self._polygon(camera)
         return points, there.astype(points.dtype)
 
     def nearness(self, camera: Camera, frame: LightFrame, bins: int) -> float:
@@ -85,7 +85,7 @@ class GroundPlane(Receivers):
         """
         if objective is not None and not objective.supremum:
             raise ValueError(f"norm: got {objective.norm!r} with {type(self).__name__}, expected 'inf'")
-        if not is_traced(camera.far, self.normal) and np.isinf(camera.far) and _polygon(camera, self)[2]:
+        if not is_traced(camera.far, self.normal) and np.isinf(camera.far) and self._polygon(camera)[2]:
             raise ValueError(
                 "receivers: got a plane that a camera with far = inf sees to its horizon, expected a finite far"
             )
@@ -99,6 +99,7 @@ class GroundPlane(Receivers):
         normal = self.normal.astype(camera.position.dtype)
         return camera.rotation @ normal, self.offset.astype(normal.dtype) + normal @ camera.position
 
+    @compiled
     def _polygon(self, camera: Camera) -> tuple[Float[Array, "12 3"], Bool[Array, " 12"], Bool[Array, ""]]:
         """(both ends of each side, which there are, whether a side is unbounded): the plane's line in each of the
         frustum's planes, clipped by the others."""
@@ -106,8 +107,3 @@ class GroundPlane(Receivers):
         planes = camera.planes()
         ground = jnp.broadcast_to(jnp.append(normal, offset), planes.shape)
         return edges_between(planes, ground, planes, ~np.eye(len(planes), dtype=bool))
-
-
-@compiled
-def _polygon(camera: Camera, plane: GroundPlane) -> tuple[Array, Array, Array]:
-    return plane._polygon(camera)

@@ -244,18 +244,19 @@ def _compacted_at_once(lists: list[Float[Array, "_ 4"]], room: int) -> tuple[Arr
 
     Of the last list too only the occupied cells come back.
     """
-    ends = np.cumsum([len(each) for each in lists])
+    lengths = np.array([len(each) for each in lists])
+    ends = np.cumsum(lengths)
     cells = jnp.concatenate(lists)
     there = cells[:, 0] > 0
     number = jnp.cumsum(there)
     before = jnp.concatenate([jnp.zeros(1, number.dtype), number[ends[:-1] - 1]])
     counts = number[ends - 1] - before
     chosen = jnp.argmax(counts <= room)
-    of_list = np.repeat(np.arange(len(lists)), np.diff(ends, prepend=0))
-    own = np.concatenate([np.arange(len(each), dtype=np.int32) for each in lists])
+    of_list = np.repeat(np.arange(len(lists)), lengths)
+    own = np.concatenate([np.arange(length, dtype=np.int32) for length in lengths])
     place = jnp.where(there & (of_list == chosen), number - before[chosen] - 1, room)
     which = jnp.zeros(room, jnp.int32).at[place].set(own, mode="drop")
-    first = jnp.asarray(np.concatenate([[0], ends[:-1]]))[chosen]
+    first = jnp.asarray(ends - lengths)[chosen]
     return chosen, which, jnp.where((jnp.arange(room) < counts[chosen])[:, None], cells[first + which], 0)
 
 

@@ -141,9 +141,12 @@ class SampleNorm(eqx.Module):
 
     def mean(self, eta: Float[Array, ""]) -> Float[Array, ""]:
         """J."""
+        return self._mean(eta, self.width(eta))
+
+    def _mean(self, eta: Array, width: Array) -> Array:
         count = len(self.parts)
         nothing = [jnp.zeros_like(eta)] * count
-        return self._sum([eta] * count, self.width(eta), nothing, nothing)
+        return self._sum([eta] * count, width, nothing, nothing)
 
     @property
     def parts(self) -> list[Samples]:
@@ -227,9 +230,7 @@ class SampleNorm(eqx.Module):
         eta = jnp.exp(u)
         width = self._width(eta, active.right, active.left)
         if self.kernel == "band":
-            count = len(self.parts)
-            nothing = [jnp.zeros_like(eta)] * count
-            return self._sum([eta] * count, width, nothing, nothing)
+            return self._mean(eta, width)
         e_p, sigma, e_q = self._texels(eta, width)
         column = e_p if self.kernel == "max" else e_p * jnp.sqrt(1 + sigma * sigma)
         return (self.samples.weight * power(jnp.where(active.across, e_q, column), self.order)).sum()

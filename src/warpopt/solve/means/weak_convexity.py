@@ -143,7 +143,7 @@ def _least_by_rounds(touches: Callable[[Array], Touch], floor: Array, ceiling: A
     if tolerance < _COARSE:
         order = jnp.arange(len(lower))
         # Those beside the best node always: the root finder's bracket is two of their parts.
-        best = jnp.argmin(jnp.where(jnp.isnan(found.value), jnp.inf, found.value))
+        best = _least_of(found)
         beside = (order == best) | (order == best - 1)
         first = jnp.where(beside, -jnp.inf, jnp.maximum(lower, jnp.finfo(lower.dtype).min))
         before = (first < first[:, None]) | ((first == first[:, None]) & (order < order[:, None]))
@@ -169,12 +169,17 @@ def _least_by_rounds(touches: Callable[[Array], Touch], floor: Array, ceiling: A
             jax.tree.map(lambda *v: jnp.concatenate(v), one, other)
             for one, other in ((between, divided), (nodes, inner.ravel()), (found, within))
         )
-    i = jnp.argmin(jnp.where(jnp.isnan(found.value), jnp.inf, found.value))
+    i = _least_of(found)
     eta, live = nodes[i], lower < jnp.inf
     start, end = between.start, between.end
     below = jnp.where(live & (end == eta) & (start < eta), start, 0).max()
     above = jnp.where(live & (start == eta) & (end > eta), end, jnp.inf).min()
     return Minimum(eta, found.value[i], found.slope[i], below, above, start, end, lower)
+
+
+def _least_of(found: Touch) -> Array:
+    """The index of the least value that is a number."""
+    return jnp.argmin(jnp.where(jnp.isnan(found.value), jnp.inf, found.value))
 
 
 def longest_interval(dtype: Any) -> float:
