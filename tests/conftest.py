@@ -53,9 +53,6 @@ from warpopt.app.common.jax_settings import prepare_jax
 
 if LANE != "default-xla":
     prepare_jax()
-    flags = os.environ["XLA_FLAGS"]
-    if "use_fusion_emitters=false" in flags and "split_count" not in flags:  # a jaxlib whose flags are known
-        os.environ["XLA_FLAGS"] += " --xla_cpu_parallel_codegen_split_count=1"  # parts cost more than they save here
 
 import jax
 

@@ -20,7 +20,6 @@ from warpopt._checks import trusted
 from warpopt.theory import aliasing_error, texture_coordinates
 
 from ..common import figure_style as style
-from ..frusta.block_solver import frustum_of
 from ..frusta.problem import View
 from . import curve_style as looks
 
@@ -69,7 +68,7 @@ def distributions(view: View, thetas_deg: tuple[float, ...] = THETAS_DEG, sample
 
 
 def _single(view: View) -> "warpopt.ViewFrustum":
-    return jax.tree.map(lambda v: v[0, 0], frustum_of((view,)))
+    return warpopt.ViewFrustum(view.near, view.far, math.radians(view.half_fov_deg))
 
 
 def _errors(frustum: "warpopt.ViewFrustum", theta: np.ndarray, y: jax.Array, z: jax.Array) -> jax.Array:
