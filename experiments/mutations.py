@@ -113,7 +113,7 @@ MUTATIONS = (
     Mutation("render/casters.py", "jnp.where(across > 0, high / width, low / width)", "high / width", "map_depth"),
     Mutation("render/shadow_matrix.py", "jnp.ones_like(mu), 1 - 2 * pad_s, jnp", "jnp.ones_like(mu), 1 - pad_s, jnp",
              "shadow_matrix"),
-    Mutation("render/map_depth.py", "jnp.where(there | ~some, (end", "jnp.where(True, (end", "map_depth"),
+    Mutation("render/map_depth.py", "jnp.where(self.there | ~some, (self.end", "jnp.where(True, (self.end", "map_depth"),
     Mutation("solve/closed_form.py", "shrunk * share * space.a_plus", "share * space.a_plus", "ends"),
     Mutation("render/shadow_matrix.py", "y = -1 if clip_space.y_down else 1", "y = 1", "shadow_matrix"),
     Mutation("table/build/verify.py", "for _ in range(_ROUNDS):", "for _ in range(0):", "table", "spike"),

@@ -53,6 +53,9 @@ from warpopt.app.common.jax_settings import prepare_jax
 
 if LANE != "default-xla":
     prepare_jax()
+    # Each sum or minimum over more than 32 numbers in two kernels or three, a fifth of what compiling takes here. That
+    # is for long sums; those of the lane of XLA's own settings have them.
+    os.environ["XLA_FLAGS"] += " --xla_disable_hlo_passes=tree_reduction_rewriter"
 
 import jax
 

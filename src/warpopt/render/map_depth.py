@@ -1,6 +1,5 @@
 """The map's own depth: what it spans, and how fine its steps are over the receivers."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -11,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 from ..receivers.footprint import Footprint
 from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
-from .casters import Casters, Prism, nearest_of
+from .casters import Casters, Nearest, Prism, nearest_of
 
 
 class MapDepth(NamedTuple):
@@ -46,15 +45,56 @@ _FOR_SHARE = 1 / 64
 _REFINED, _AT_ONCE = 4, 16  # to 1e-4 of the extent along the light: of the span, as much over eta
 
 
-def _best_fraction(span: Callable[[Array], Array], dtype) -> Array:
-    """Where in [0, 1] a function with one minimum is least, nearly. A constant for derivatives: any place serves."""
-    low, width, best = jnp.zeros((), dtype), 1.0, jnp.zeros((), dtype)
-    for _ in range(_REFINED):
-        at = jnp.clip(low + width * np.linspace(0, 1, _AT_ONCE + 1).astype(dtype), 0, 1)
-        best = at[jnp.argmin(jax.vmap(span)(at))]
-        width = 2 * width / _AT_ONCE
-        low = best - width / 2
-    return jax.lax.stop_gradient(best)
+class _Held(NamedTuple):
+    """What a map's depth must hold, along the light from the first receiver.
+
+    Attributes:
+        above: the least of all casters, <= 0.
+        last: of all receivers.
+        there, start, end, blends: of groups of receivers, and A's least and largest of each.
+        nearest: of casters; None for none.
+    """
+
+    above: Float[Array, ""]
+    last: Float[Array, ""]
+    there: Bool[Array, " N"]
+    start: Float[Array, " N"]
+    end: Float[Array, " N"]
+    blends: Float[Array, "2 N"]
+    nearest: Nearest | None
+    eta: Float[Array, ""]
+
+    def spanned(self, fraction: Float[Array, ""]) -> tuple[Array, Array, Array, Array]:
+        """(reference, least, largest, the receivers' own least) for a reference between the ends."""
+        some = self.there.any()
+        reference = (1 - fraction) * self.above + fraction * self.last
+        own = jnp.where(self.there | ~some, (self.start - reference) / self.blends, jnp.inf).min()
+        largest = jnp.where(self.there | ~some, (self.end - reference) / self.blends, -jnp.inf).max()
+        least = own
+        if self.nearest is not None:
+            delta = jnp.stack([self.nearest.low, self.nearest.high])
+            before = ((self.nearest.height - reference) / (self.eta + (1 - self.eta) * delta)).min()
+            least = jnp.where(some & (before < own), before, own)
+        return reference, least, largest, own
+
+    def cost(self, fraction: Float[Array, ""]) -> Float[Array, ""]:
+        """What is least at the best reference; it has one minimum."""
+        _, least, largest, own = self.spanned(fraction)
+        return (largest - least) - _FOR_SHARE * (largest - own)
+
+    def best_fraction(self) -> Float[Array, ""]:
+        """Of the best reference, nearly. A constant for derivatives: any place serves."""
+        held, dtype = jax.lax.stop_gradient(self), self.last.dtype
+        steps = np.linspace(0, 1, _AT_ONCE + 1).astype(dtype)
+
+        # A loop: its rounds written out would be half of what a map's matrix takes to compile.
+        def narrowed(_: Array, place: tuple[Array, Array]) -> tuple[Array, Array]:
+            best, width = place
+            at = jnp.clip(best - width / 2 + width * steps, 0, 1)
+            return at[jnp.argmin(jax.vmap(held.cost)(at))], 2 * width / _AT_ONCE
+
+        whole = jnp.full((), 0.5, dtype), jnp.ones((), dtype)
+        return jax.lax.fori_loop(0, _REFINED, narrowed, whole)[0]
 
 
 def map_depth(
@@ -79,23 +119,8 @@ def map_depth(
         heights = jnp.where(some & (nearest.height < 0), nearest.height, 0)
         extent = height / (height - heights.min())
         above = jnp.where(jnp.isfinite(heights), heights, 0).min()
-
-    def range_at(fraction: Array) -> tuple[Array, Array, Array, Array]:
-        reference = (1 - fraction) * above + fraction * (last - first)
-        own = jnp.where(there | ~some, (start - reference) / blends, jnp.inf).min()
-        largest = jnp.where(there | ~some, (end - reference) / blends, -jnp.inf).max()
-        least = own
-        if nearest is not None:
-            parts = [(nearest.height - reference) / (eta + (1 - eta) * v) for v in (nearest.low, nearest.high)]
-            before = jnp.stack(parts).min()
-            least = jnp.where(some & (before < own), before, own)
-        return reference, least, largest, own
-
-    def cost(fraction: Array) -> Array:
-        _, least, largest, own = range_at(fraction)
-        return (largest - least) - _FOR_SHARE * (largest - own)
-
-    reference, least, largest, own = range_at(_best_fraction(cost, first.dtype))
+    held = _Held(above, last - first, there, start, end, blends, nearest, eta)
+    reference, least, largest, own = held.spanned(held.best_fraction())
     # What is left of one depth is rounding, which must not become the whole of the map's.
     one = largest - least <= rounding / blends.min()
     least, own = (jnp.where(one, largest - footprint.mu, v) for v in (least, own))
