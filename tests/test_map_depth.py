@@ -208,16 +208,20 @@ def test_points_cast_as_their_hull_does():
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_receivers_on_one_side_in_groups_have_the_whole_depth(dtype):
-    """600 points to the left of the axis, more than are taken one by one, and a caster above the outermost."""
+    """600 points to the left of the axis, more than are taken one by one, and a caster above the first or the last.
+
+    Each has another 3 to its right, in its group: a group reaches from its first to its last.
+    """
     rng = np.random.default_rng(4)
     place, forward, up = (np.array(v, dtype) for v in ((0, 5, 0), (0, -0.1, -1), (0, 1, 0)))
     camera = Camera(place, forward, up, *(dtype(v) for v in (0.5, 200.0, 0.6, 1.6)))
     close = 64 * float(np.finfo(dtype).eps) * 800 / 4  # of the caster's distance over the receivers' height
-    z = np.exp(rng.uniform(np.log(12), np.log(90), 600))
-    points = np.stack([-z * rng.uniform(0.3, 0.8, 600), rng.uniform(-1, 3, 600), -z], 1).astype(dtype)
+    z = np.exp(rng.uniform(np.log(12), np.log(90), 300))
+    points = np.stack([-z * rng.uniform(0.3, 0.8, 300), rng.uniform(-1, 3, 300), -z], 1).astype(dtype)
+    points = np.concatenate([points, points + np.array([3, 0, 0], dtype)])
     view = SceneView(camera, DirectionalLight(np.array((0.05, -1, -0.1), dtype)), PointReceivers(points))
-    outermost = points[np.argmin(points[:, 0])]
-    for caster in (None, outermost - 800 * np.asarray(view.light.direction)):
+    ends = (points[pick(points[:, 0])] for pick in (np.argmin, np.argmax))
+    for caster in (None, *(end - 800 * np.asarray(view.light.direction) for end in ends)):
         for eta in (0.02, 0.3):
             casters = None if caster is None else caster[None]
             warp = Warp.from_eta(eta, view.footprint())

@@ -93,17 +93,23 @@ def singles(valid: Bool[Array, " N"], points: Float[Array, "N 3"], frame: LightF
     """A few points in eye coordinates, each its own group."""
     points = jnp.where(valid[:, None], points, 0)
     d, x, h = frame.depth(points), frame.lateral(points), frame.along_light(points)
-    low, high = ((lambda v, edge=edge: jnp.where(valid, v, edge)) for edge in (jnp.inf, -jnp.inf))
-    return Groups(low(d), high(d), low(x), high(x), low(h), high(h), low(frame.eye_depth(points)))
+    return each_alone(valid, d, x, h, frame.eye_depth(points))
+
+
+def each_alone(seen: Array, d: Array, x: Array, h: Array, z: Array) -> Groups:
+    """The bounds of groups of one."""
+    low, high = ((lambda v, edge=edge: jnp.where(seen, v, edge)) for edge in (jnp.inf, -jnp.inf))
+    return Groups(low(d), high(d), low(x), high(x), low(h), high(h), low(z))
 
 
 def from_groups(groups: Groups, near: Array, grouped: bool = True) -> Footprint:
     """A footprint whose bounds no receiver of any group exceeds: conservative, and exact for groups of one."""
     there = jnp.isfinite(groups.z)
-    start, _ = ends(there, groups.least_depth)
-    _, end = ends(there, groups.largest_depth)
-    least, _ = ends(there, groups.least_lateral)
-    _, largest = ends(there, groups.largest_lateral)
+    # One reduction: each is a kernel of its own, which takes longer to compile or to start than its work.
+    bounds = groups.least_depth, -groups.largest_depth, groups.least_lateral, -groups.largest_lateral
+    *found, none = jnp.where(there, jnp.stack([*bounds, jnp.zeros_like(groups.z)]), jnp.inf).min(1)
+    empty = none > 0
+    start, end, least, largest = (jnp.where(empty, 0, sign * v) for sign, v in zip((1, -1, 1, -1), found, strict=True))
     mu, flat = range_of(start, end, jnp.maximum(jnp.abs(start), jnp.abs(end)))
     axis = axis_inside(least, largest)
 
@@ -141,7 +147,7 @@ def from_groups(groups: Groups, near: Array, grouped: bool = True) -> Footprint:
         ),
         None,
         near,
-        ~there.any(),
+        empty,
         flat,
         grouped,
     )

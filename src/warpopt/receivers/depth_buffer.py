@@ -178,10 +178,8 @@ class DepthBuffer(OneByOne):
             seen, z = self._decoded(value, camera)
             return seen, z, z * (slope_across + slope)
 
-        start, end, near, far = self._cells(rows, depths)
+        start, end, near, far, mixed = self._cells(rows, depths)
         bounds = functools.partial(self._bounds, start, end, (across, up), frame)
-        # A cell across a silhouette would combine near and far depths into a receiver that does not exist.
-        mixed = (jnp.isfinite(near) & (far > _MIXED * near)).any()
         if wide():
             nearer, beyond = self._parts(rows, depths, near, far)
             parts = zip((near, far), (jnp.inf, -jnp.inf), nearer, beyond, strict=True)
@@ -227,8 +225,9 @@ class DepthBuffer(OneByOne):
 
         return with_moments(footprint, (rows, weights), receivers_of, unit, objective)
 
-    def _cells(self, rows, depths) -> tuple[Array, Array, Array, Array]:
-        """(least and largest Z_w . c of all pixels, least and largest eye depth of each cell; inf, -inf where empty).
+    def _cells(self, rows, depths) -> tuple[Array, Array, Array, Array, Array]:
+        """(least and largest Z_w . c of all pixels; least and largest eye depth of each cell, inf and -inf where empty;
+        whether there is a silhouette).
 
         Only z is reduced by cells, as that costs several times as much as reducing whole rows.
         """
@@ -243,8 +242,12 @@ class DepthBuffer(OneByOne):
 
         none = jnp.full(width, jnp.inf, self.depth.dtype)
         (least, largest), (near, far) = sweep(row_bounds, (none, -none), rows, (jnp.min, jnp.max))
-        start, end = (jnp.where(jnp.isfinite(near).any(), v, 0) for v in (least.min(), largest.max()))
-        return start, end, near, far
+        # As few reductions as there can be: on a GPU each is a kernel.
+        least, largest = jnp.stack([least, -largest]).min(1) * np.array([1, -1], least.dtype)
+        filled = jnp.isfinite(near)
+        # A cell across a silhouette would combine near and far depths into a receiver that does not exist.
+        some, mixed = jnp.stack([filled, filled & (far > _MIXED * near)]).any((1, 2))
+        return jnp.where(some, least, 0), jnp.where(some, largest, 0), near, far, mixed
 
     def _parts(self, rows, depths, near: Array, far: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """(near, far) of each cell's pixels before and beyond the geometric mean of its depths."""

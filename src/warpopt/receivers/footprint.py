@@ -168,8 +168,8 @@ class Footprint(eqx.Module):
         Args:
             eta: one number.
         """
-        blend = self.sides.depth.blend(eta)
-        return (self.sides.left / blend).max(), (self.sides.right / blend).max()
+        left, right = (jnp.stack([self.sides.left, self.sides.right]) / self.sides.depth.blend(eta)).max(1)
+        return left, right
 
     def coordinates(
         self, frame: LightFrame, eye_points: Float[Array | np.ndarray, "... 3"]

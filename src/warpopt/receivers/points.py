@@ -13,7 +13,7 @@ from .._checks import Numbers, checked, float_arrays
 from ..objective import Objective
 from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
-from .bins import BINS, bin_of, ends, extent_of, from_groups, grouped, with_moments
+from .bins import BINS, bin_of, each_alone, ends, extent_of, from_groups, grouped, with_moments
 from .footprint import Footprint
 from .one_by_one import OneByOne
 from .profiles.binned import BinnedProfile, PointSet
@@ -70,7 +70,7 @@ class PointReceivers(OneByOne):
         h = frame.along_light(points)
         exact = len(points) <= (BINS if objective.kernel is None else EXACT)
         if exact:
-            groups = grouped(seen, d, x, h, z, jnp.arange(len(points)), len(points))
+            groups = each_alone(seen, d, x, h, z)
         else:
             start, end = ends(seen, d)
             share = (d - start) / jnp.where(end > start, end - start, 1)

@@ -68,8 +68,8 @@ class _Held(NamedTuple):
         """(reference, least, largest, the receivers' own least) for a reference between the ends."""
         some = self.there.any()
         reference = (1 - fraction) * self.above + fraction * self.last
-        own = jnp.where(self.there | ~some, (self.start - reference) / self.blends, jnp.inf).min()
-        largest = jnp.where(self.there | ~some, (self.end - reference) / self.blends, -jnp.inf).max()
+        heights = jnp.stack([self.start - reference, reference - self.end])[:, None] / self.blends
+        own, largest = jnp.where(self.there | ~some, heights, jnp.inf).min((1, 2)) * np.array([1, -1], heights.dtype)
         least = own
         if self.nearest is not None:
             delta = jnp.stack([self.nearest.low, self.nearest.high])
@@ -104,9 +104,8 @@ def map_depth(
     sides = footprint.sides
     there = jnp.isfinite(sides.light_least)
     some = there.any()
-    first = jnp.where(there, sides.light_least, jnp.inf).min()
-    last = jnp.where(there, sides.light_largest, -jnp.inf).max()
-    first, last = (jnp.where(some, v, 0) for v in (first, last))
+    ends = jnp.where(there, jnp.stack([sides.light_least, -sides.light_largest]), jnp.inf).min(1)
+    first, last = jnp.where(some, ends, 0) * np.array([1, -1], ends.dtype)
     # From the first receiver: numbers of the receivers' own size.
     start, end = (jnp.where(there, v - first, 0) for v in (sides.light_least, sides.light_largest))
     blends = jnp.stack([depth.blend(eta) for depth in (sides.depth, sides.farthest)])
