@@ -30,6 +30,7 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # workers have their parent's
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the matrices are small, and idle threads spin
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # jaxlib 0.10.1 warns at each program that it reads
 os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")  # of each operation's origin, which nothing here reads
+os.environ.setdefault("JAX_TRACEBACK_FILTERING", "off")  # looks at every frame's file for each error that is expected
 
 LANE = os.environ.get("WARPOPT_LANE", "")
 # Their files of tests; without a lane, all but the one that is theirs.

@@ -2,6 +2,7 @@
 
 import functools
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +12,7 @@ from test_means import CAMERA, ETAS, MAP, SCREEN, brute, hills, norm_of, pixels_
 import warpopt
 from warpopt import Camera, DirectionalLight, Objective, SceneView, edge_weights, optimal_warp
 from warpopt.receivers import DepthBuffer, DepthHistogram, EdgeWeights, PointReceivers
-from warpopt.solve.means.cell_bounds import corner_mean, covariance_loss
+from warpopt.solve.means.cell_bounds import _narrowing, corner_mean, covariance_loss
 from warpopt.theory import edge_offset, offset_across
 
 BAND = Objective("band")
@@ -105,9 +106,14 @@ def hills_of(seed):
 
 @jax.jit
 def bounds_at(norm, eta):
-    """Below and above the mean over the pixels."""
-    scale = jnp.exp(norm.log_scale)
-    return (norm.touch(eta).value - covariance_loss(norm, eta, eta)) * scale, corner_mean(norm, eta) * scale
+    """Below and above the mean over the pixels; the width of maps of sides 3 and 2 % narrower at best, its own, and the
+    factor between them."""
+    scale, sides = jnp.exp(norm.log_scale), norm.footprint.sides
+    reached = 0.97 * sides.right, 0.98 * sides.left
+    footprint = eqx.tree_at(lambda f: f.sides.reached, norm.footprint, reached, is_leaf=lambda v: v is None)
+    best = eqx.tree_at(lambda n: n.footprint, norm, footprint.at_best())
+    below, above = (norm.touch(eta).value - covariance_loss(norm, eta, eta)) * scale, corner_mean(norm, eta) * scale
+    return below, above, best.width(eta), norm.width(eta), _narrowing(norm, best, eta)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -131,7 +137,9 @@ def test_cells_of_a_buffer_are_its_pixels_within_the_bound(seed):
     # The bounds hold at every eta, not only at the optimum.
     norm = norm_of(view, BAND)
     for eta in (0.004, 0.05, 0.6):
-        below, most = bounds_at(norm, eta)
+        below, most, narrowest, width, factor = bounds_at(norm, eta)
+        assert factor * width * (1 - 1e-12) <= narrowest < width
+        assert factor > 0.9
         between = brute(points, weights, light, BAND, eta, normals=across, rounded=rounded)[0]
         assert below * (1 - 1e-3) <= between <= most  # cells' sides are at most a thousandth too wide
 

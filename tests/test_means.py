@@ -155,8 +155,11 @@ def values(norm, logs):
 def test_a_parabola_lies_below_the_mean(objective):
     """J(e) >= J(m) + J'(m) (e - m) - C(m) (e - m)^2 for all pairs of 40 eta: what the certificate rests on."""
     points, weights, lights = (v[3] for v in sets())
-    eta = np.geomspace(1e-3, 1, 40)
-    value, slope, bend, _ = map(np.asarray, touches(norm_of(view_of(points, weights, lights), objective), eta))
+    eta, norm = np.geomspace(1e-3, 1, 40), norm_of(view_of(points, weights, lights), objective)
+    value, slope, bend, _ = map(np.asarray, touches(norm, eta))
+    # J' by differences: rounding over their step, and a curvature that is at most some values over eta^2.
+    above, below = (np.asarray(touches(norm, eta * (1 + step)).value) for step in (1e-6, -1e-6))
+    np.testing.assert_allclose(slope * eta / value, (above - below) / 2e-6 / value, rtol=0, atol=1e-8)
     step = eta - eta[:, None]
     below = value[:, None] + slope[:, None] * step - bend[:, None] * step**2
     assert (below <= value * (1 + 1e-12)).all()

@@ -121,8 +121,8 @@ class Weights(eqx.Module):
         # Only their ratios matter: products and powers stay in range for weights of any size.
         largest = jax.lax.stop_gradient(jnp.where(counted, base, 0).max())
         weights = jnp.where(counted, base, 0) / jnp.where(largest > 0, largest, 1)
-        none = ~(weights > 0).any()
-        instead = jnp.where(counted.any(), counted, seen)
+        none = largest <= 0
+        instead = seen if self.lit is None else jnp.where(counted.any(), counted, seen)
         return jnp.where(none, jnp.where(instead, z, 0), weights), none & seen.any()
 
     def normals_for(self, kernel: str | None) -> tuple[Float[Array, "..."], Float[Array, "..."]] | None:

@@ -133,9 +133,6 @@ def excess_of_cells(
 def _narrowing(norm: SampleNorm, best_case: SampleNorm, eta: Array) -> Array:
     """The least factor between a side's most favourable width and its own, at this eta and all larger ones."""
     sides, best = norm.footprint.sides, best_case.footprint.sides
+    own, other = (jnp.stack([of.right, of.left]) for of in (sides, best))
     shrunk = sides.depth.blend(eta) / best.depth.blend(eta)
-    factors = [
-        jnp.where(own > 0, other / jnp.where(own > 0, own, 1) * shrunk, 1).min()
-        for own, other in ((sides.right, best.right), (sides.left, best.left))
-    ]
-    return jnp.minimum(*factors)
+    return jnp.where(own > 0, other / jnp.where(own > 0, own, 1) * shrunk, 1).min()

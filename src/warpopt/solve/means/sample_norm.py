@@ -31,7 +31,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._numerics import picked, power
-from ..._parallel import wide
+from ..._parallel import sums, wide
 from ...receivers.footprint import Footprint
 from ...receivers.samples import Normal, Samples
 from ...theory.light_space import LightDepth
@@ -118,25 +118,28 @@ class SampleNorm(eqx.Module):
         """The curve that touches J at eta."""
         sides = self._both_active(eta)
         width, widening = (sum((side[k] for side in sides), start=jnp.zeros_like(eta)) for k in (0, 1))
-        parts = self.parts
-        nothing = [jnp.zeros_like(part.weight) for part in parts]
-        etas = [jnp.broadcast_to(eta, part.weight.shape) for part in parts]
-        # One pass backwards for all: compiling takes most of a first call. By each sample's own eta, so that what is
-        # left are a few sums of equal shape, which a GPU takes together.
-        value, slopes = jax.value_and_grad(self._sum, (0, 2, 3))(etas, width, nothing, nothing)
-        by_eta = by_width = bend = pole = jnp.zeros_like(eta)
-        for part, own, rise, lean_rise in zip(parts, *slopes, strict=True):
-            delta = part.depth.delta
-            by_eta = by_eta + own.sum()
-            by_width = by_width + (rise * part.depth.blend(eta)).sum() * self.across
-            for _, steepness, first in sides:
-                before = jnp.where(delta < first, 1 - delta / jnp.where(first > 0, first, 1), 0)
-                bend = bend - self.across * steepness * (rise * before).sum()
+        value = by_eta = by_width = bend = pole = jnp.zeros_like(eta)
+        for part in self.parts:
+            delta, nothing = part.depth.delta, jnp.zeros_like(part.weight)
+            # By each sample's own eta and E_q: what is left are a few sums of one shape, which a GPU takes together.
+            each, backwards = jax.vjp(
+                lambda eta, row, leaning, part=part: self._terms(part, eta, width, row, leaning),
+                jnp.broadcast_to(eta, delta.shape), nothing, nothing,
+            )  # fmt: skip
+            own, rise, lean_rise = backwards(jnp.ones_like(each))
+            before = [jnp.where(delta < first, 1 - delta / jnp.where(first > 0, first, 1), 0) for *_, first in sides]
+            terms = [each, own, rise * part.depth.blend(eta), *(rise * share for share in before)]
             if part.normal is not None:
                 c, s = part.normal
                 over_eta = self.along * delta * (c * delta + s * part.lateral * self.pixel_ratio)
                 concave = -lean_rise * over_eta
-                pole = pole + jnp.where(concave > 0, concave, 0).sum() / (eta * eta)
+                terms.append(jnp.where(concave > 0, concave, 0))
+            of_part, by_own, by_row, one, other, *rest = sums(terms)
+            value, by_eta, by_width = value + of_part, by_eta + by_own, by_width + by_row * self.across
+            for found, (_, steepness, _) in zip((one, other), sides, strict=True):
+                bend = bend - self.across * steepness * found
+            for found in rest:
+                pole = pole + found / (eta * eta)
         return Touch(value, by_eta + by_width * widening, bend, pole)
 
     def mean(self, eta: Float[Array, ""]) -> Float[Array, ""]:
@@ -144,9 +147,7 @@ class SampleNorm(eqx.Module):
         return self._mean(eta, self.width(eta))
 
     def _mean(self, eta: Array, width: Array) -> Array:
-        count = len(self.parts)
-        nothing = [jnp.zeros_like(eta)] * count
-        return self._sum([eta] * count, width, nothing, nothing)
+        return sum((self._terms(part, eta, width).sum() for part in self.parts), start=jnp.zeros_like(eta))
 
     @property
     def parts(self) -> list[Samples]:
@@ -192,7 +193,8 @@ class SampleNorm(eqx.Module):
 
     def width(self, eta: Float[Array, ""]) -> Float[Array, ""]:
         """The map's width at A = 1."""
-        return self._width(eta, *self._edges(eta))
+        left, right = self.footprint.half_widths(eta)
+        return left + right
 
     def errors(
         self, depth: LightDepth, lateral: Array, eta: Array, width: Array
@@ -205,14 +207,12 @@ class SampleNorm(eqx.Module):
     def _texels(self, eta: Array, width: Array) -> tuple[Array, Array, Array]:
         return self.errors(self.samples.depth, self.samples.lateral, eta, width)
 
-    def _sum(self, etas: list[Array], width: Array, rows: list[Array], leaning: list[Array]) -> Array:
-        """J, of each part's eta, with something added to its E_q, and to its columns' extents across edges."""
-        total = jnp.zeros_like(width)
-        for part, eta, row, column in zip(self.parts, etas, rows, leaning, strict=True):
-            e_p, sigma, e_q = self.errors(part.depth, part.lateral, eta, width)
-            size = self.size((e_p, sigma, e_q + row), part.normal, column)
-            total = total + (part.weight * power(size, self.order)).sum()
-        return total
+    def _terms(
+        self, part: Samples, eta: Array, width: Array, row: ArrayLike = 0.0, leaning: ArrayLike = 0.0
+    ) -> Float[Array, " N"]:
+        """J's, of some samples; `row` is added to their E_q, `leaning` to their columns' extents across edges."""
+        e_p, sigma, e_q = self.errors(part.depth, part.lateral, eta, width)
+        return part.weight * power(self.size((e_p, sigma, e_q + row), part.normal, leaning), self.order)
 
     def size(
         self, errors: tuple[Array, Array, Array], normal: Normal | None, leaning: ArrayLike = 0.0
