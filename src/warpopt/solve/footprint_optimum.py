@@ -114,6 +114,10 @@ class LogNorm(eqx.Module):
         falling = sum(span * share for span, share in zip(spans, shares, strict=True))
         return top - alpha - beta * jnp.where(width > 0, falling / jnp.where(width > 0, width, 1), 0)
 
+    def value_and_slope(self, u: Float[Array, ""], active: Active) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """Both."""
+        return self.value(u, active), self.slope(u, active)
+
     @property
     def _moments(self) -> Moments:
         if self.footprint.moments is None:

@@ -45,6 +45,10 @@ class PiecewiseLog(Protocol):
         """d value / du on that piece."""
         ...
 
+    def value_and_slope(self, u: Float[Array, ""], active: Any) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """Both, which share their work."""
+        ...
+
 
 _SLOPES_AT_ONCE = 720  # on devices of many threads: two or four rounds over all eta that a dtype holds
 
@@ -143,7 +147,6 @@ def settled(log_norm: PiecewiseLog, found: Array, eps: float) -> tuple[Array, Ar
     # Mapped, here and below, over the pieces below, at and above the root: each formula is compiled once.
     near = jax.vmap(fixed.active)(jnp.stack([found - reach, found, found + reach]))
     below, above = (jax.tree.map(lambda v, i=i: v[i], near) for i in (0, 2))
-    both = jax.tree.map(lambda v: v[::2], near)
     same_top, same_sides = below.same_top(above), below.same_sides(above)
 
     def step(gap, slope, usable):
@@ -151,23 +154,21 @@ def settled(log_norm: PiecewiseLog, found: Array, eps: float) -> tuple[Array, Ar
         slope = jnp.where(usable, jax.lax.stop_gradient(slope), 1)
         return jnp.where(usable, -gap / slope, 0)
 
-    def slope_and_curvature(active):
-        return jax.jvp(lambda v: log_norm.slope(v, active), (found,), (jnp.ones_like(found),))
+    def at_found(active):
+        return jax.jvp(lambda u: log_norm.value_and_slope(u, active), (found,), (jnp.ones_like(found),))
 
     # Where two pieces meet: the crossing of their values, if the minimum is there (one falls, one rises).
-    values = jax.vmap(log_norm.value, (None, 0))(found, both)
-    slopes, curvatures = jax.vmap(slope_and_curvature)(near)
-    crossing = found + step(values[0] - values[1], slopes[0] - slopes[2], slopes[0] != slopes[2])
+    (values, slopes), (_, curvatures) = jax.vmap(at_found)(near)
+    crossing = found + step(values[0] - values[2], slopes[0] - slopes[2], slopes[0] != slopes[2])
     # Where one piece is stationary.
     stationary = found + step(slopes[1], curvatures[1], curvatures[1] > eps**0.5)
     stationary = jnp.where(jnp.abs(jax.lax.stop_gradient(stationary) - found) <= reach, stationary, found)
     meeting, resting = jax.lax.stop_gradient((crossing, stationary))
-    slopes = jax.vmap(fixed.slope)(jnp.stack([meeting, resting, meeting]), near)
+    values, slopes = jax.vmap(fixed.value_and_slope)(jnp.stack([meeting, resting, meeting]), near)
     met = ~(same_top & same_sides) & (jnp.abs(meeting - found) <= 2 * reach)
     met = met & (slopes[0] <= 0) & (slopes[2] >= 0)
     u = jnp.where(met, crossing, stationary)
-    values = jax.vmap(fixed.value, (None, 0))(meeting, both)
-    gap = jnp.where(met, values[0] - values[1], slopes[1])
+    gap = jnp.where(met, values[0] - values[2], slopes[1])
     outcome = jnp.where(met, jnp.where(same_top, Outcome.kink, Outcome.tie), Outcome.stationary)
     return u, outcome, jnp.abs(gap)
 

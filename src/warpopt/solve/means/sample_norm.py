@@ -112,7 +112,11 @@ class SampleNorm(eqx.Module):
 
     def slope(self, u: Float[Array, ""], active: Selection) -> Float[Array, ""]:
         """d value / du on that piece."""
-        return jax.jvp(lambda v: self.value(v, active), (u,), (jnp.ones_like(u),))[1]
+        return self.value_and_slope(u, active)[1]
+
+    def value_and_slope(self, u: Float[Array, ""], active: Selection) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """Both."""
+        return jax.jvp(lambda v: self.value(v, active), (u,), (jnp.ones_like(u),))
 
     def touch(self, eta: Float[Array, ""]) -> Touch:
         """The curve that touches J at eta."""
