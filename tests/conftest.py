@@ -30,7 +30,9 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # workers have their parent's
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the matrices are small, and idle threads spin
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # jaxlib 0.10.1 warns at each program that it reads
 os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")  # of each operation's origin, which nothing here reads
-os.environ.setdefault("JAX_TRACEBACK_FILTERING", "off")  # looks at every frame's file for each error that is expected
+os.environ.setdefault(
+    "JAX_TRACEBACK_FILTERING", "off"
+)  # it looks at each frame's file for every error that is expected
 
 LANE = os.environ.get("WARPOPT_LANE", "")
 # Their files of tests; without a lane, all but the one that is theirs.
@@ -54,9 +56,10 @@ from warpopt.app.common.jax_settings import prepare_jax
 
 if LANE != "default-xla":
     prepare_jax()
-    # Each sum or minimum over more than 32 numbers in two kernels or three, a fifth of what compiling takes here. That
-    # is for long sums; those of the lane of XLA's own settings have them.
-    os.environ["XLA_FLAGS"] += " --xla_disable_hlo_passes=tree_reduction_rewriter"
+    # XLA would make two or three kernels of each sum or minimum over more than 32 numbers, which takes a fifth of the
+    # time of compiling here. The lane with XLA's own settings has them.
+    if "disable_hlo_passes" not in os.environ["XLA_FLAGS"]:
+        os.environ["XLA_FLAGS"] += " --xla_disable_hlo_passes=tree_reduction_rewriter"
 
 import jax
 

@@ -2,6 +2,7 @@
 
 import ast
 import csv
+import gc
 import json
 import math
 import os
@@ -17,6 +18,7 @@ import warpopt
 from warpopt.app import cli
 from warpopt.app.cascades.settings import CascadesConfig
 from warpopt.app.common import output
+from warpopt.app.common.jax_settings import prepare_jax
 from warpopt.app.common.settings import ConfigError, read_config
 from warpopt.app.compare.settings import CompareConfig, SceneCompareConfig
 from warpopt.app.frames.settings import FramesConfig
@@ -415,3 +417,19 @@ def test_compiled_programs_are_kept_but_where_that_is_refused(tmp_path):
 def test_a_misspelt_command_is_told_the_nearest(capsys):
     assert invoke("solv") == 2
     assert "got 'solv'" in capsys.readouterr().err
+
+
+def test_a_users_settings_of_xla_are_kept(monkeypatch):
+    monkeypatch.setenv("WARPOPT_CACHE", "0")
+    for name in ("xla_backend_optimization_level", "xla_cpu_parallel_codegen_split_count"):
+        monkeypatch.setenv("XLA_FLAGS", f"--{name}=8")
+        prepare_jax()
+        assert [flag for flag in os.environ["XLA_FLAGS"].split() if name in flag] == [f"--{name}=8"]
+        assert len(os.environ["XLA_FLAGS"].split()) >= 2
+
+
+def test_a_command_leaves_the_garbage_collector_as_it_was(capsys):
+    before = gc.get_threshold()
+    with pytest.raises(SystemExit):
+        cli.main(["schema"])
+    assert gc.get_threshold() == before

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from warpopt import Camera, ClipSpace, DirectionalLight, SceneView, Warp, shadow_matrix
+from warpopt import Camera, ClipSpace, DirectionalLight, SceneView, Warp, optimal_warp, shadow_matrix
 from warpopt.receivers import ConvexBody, PointReceivers
 from warpopt.render.casters import casters_of
 from warpopt.render.map_depth import map_depth
@@ -264,3 +264,23 @@ def test_casters_as_far_as_numbers_go_are_refused():
         shadow_matrix(view, warp, casters=np.zeros((4, 2)))
     with pytest.raises(ValueError, match="depth_clamp: got 1"):
         shadow_matrix(view, warp, depth_clamp=1)
+
+
+@pytest.mark.parametrize("body", [False, True])
+def test_derivatives_through_the_warp_are_those_of_differences(body):
+    """Of the matrix by the light, with eta the optimum's; parts of the casters are not in the prism."""
+    camera = Camera((0, 2, 0), (0, -0.1, -1), (0, 1, 0), near=1.0, far=100.0, half_fov=0.45, aspect=1.6)
+    points = np.random.default_rng(0).normal(size=(20, 3)) * 3 + np.array([0, 1, -20])
+    corners = box_of((-2, 8, -22), (2, 12, -18))
+    casters = ConvexBody.box(corners[0], corners[-1]) if body else corners[TRIANGLES]
+
+    @jax.jit
+    def numbers(light):
+        view = SceneView(camera, DirectionalLight(light), PointReceivers(points))
+        return shadow_matrix(view, optimal_warp(view, throw=False), casters=casters).ravel()
+
+    light, step = np.array([0.3, -1.0, -0.2]), 1e-6
+    found = np.asarray(jax.jacfwd(numbers)(light))
+    differences = [(numbers(light + d) - numbers(light - d)) / (2 * step) for d in step * np.eye(3)]
+    np.testing.assert_allclose(found, np.stack(differences, 1), atol=1e-7)  # rounding over the step
+    assert np.isfinite(jax.grad(lambda light: numbers(light).sum())(light)).all()

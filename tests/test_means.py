@@ -487,6 +487,17 @@ def test_without_any_weight_depths_are_taken_and_it_is_said(kind, metric):
     np.testing.assert_allclose(warpopt.error_norm(by_depth, found, objective), found.value, rtol=1e-14)
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_weights_may_be_as_large_as_numbers_go(dtype):
+    """Only their ratios count; the reciprocal of the largest float is below the normal numbers, which are flushed."""
+    ratios = np.array([0.125, 1.0, 0.0], dtype)
+    of = jax.jit(lambda weights, z, seen: Weights(weights, None, (3,)).of(z, seen))
+    for size in (np.finfo(dtype).max, dtype(1), 8 * np.finfo(dtype).tiny):
+        weights, by_depth = of(ratios * size, np.ones(3, dtype), np.ones(3, bool))
+        np.testing.assert_array_equal(weights, ratios)
+        assert not by_depth
+
+
 def test_the_fallback_keeps_to_the_light():
     z, nothing = jnp.array([1.0, 2.0, 3.0]), jnp.zeros(3, bool)
     for lit, expected in (([True, False, True], [1, 0, 0]), ([False] * 3, [1, 2, 0]), (None, [1, 2, 0])):

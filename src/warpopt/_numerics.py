@@ -41,6 +41,38 @@ def picked(values: Float[Array, "..."], i: Int[Array, "..."]) -> Float[Array, ".
     return values.at[i].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
+@jax.custom_jvp
+def least_of(values: Float[Array, "*B N"]) -> Float[Array, "*B"]:
+    """The least along the last axis, with the derivative of the first that is.
+
+    `jnp.min` finds those by comparing, see `larger`: where none is equal to the least its derivative is NaN.
+    """
+    return values.min(-1)
+
+
+@least_of.defjvp
+def _least_of_jvp(primals, tangents):
+    (values,), (change,) = primals, tangents
+    first = jnp.argmin(values, -1)[..., None]
+    return least_of(values), jnp.take_along_axis(change, first, -1)[..., 0]
+
+
+def largest_of(values: Float[Array, "*B N"]) -> Float[Array, "*B"]:
+    """The largest along the last axis; see `least_of`."""
+    return -least_of(-values)
+
+
+def least_and_largest(
+    least: Float[Array, "..."], largest: Float[Array, "..."]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """The least of one array and the largest of another of its size, by one reduction.
+
+    A kernel for each would take longer to compile, and on a device of many threads to start, than it runs.
+    """
+    low, high = least_of(jnp.stack([least.ravel(), -largest.ravel()]))
+    return low, -high
+
+
 def larger(x: Array | float, y: Array | float) -> Float[Array, "..."]:
     """max(x, y), with the derivative of one of them also where they tie.
 

@@ -57,7 +57,7 @@ def sweep_points(
 
 
 def sums(terms: Sequence[Float[Array, " N"]]) -> list[Float[Array, ""]]:
-    """Of each; together, in one kernel, where starting them takes the time."""
+    """The sum of each; on a device of many threads all of them in one kernel."""
     return list(jnp.stack(terms).sum(1)) if wide() else [values.sum() for values in terms]
 
 

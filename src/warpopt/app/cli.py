@@ -1,5 +1,6 @@
 """The command line: assembles the commands. No command imports JAX before its input is valid."""
 
+import contextlib
 import dataclasses
 import difflib
 import gc
@@ -9,6 +10,7 @@ import signal
 import sys
 import threading
 import typing
+from collections.abc import Iterator
 from typing import Literal, NoReturn
 
 import pydantic
@@ -73,10 +75,21 @@ def _refuse_unknown(words: list[str]) -> None:
         _exit(2, f"got {words[0]!r}, expected one of {', '.join(names)}{hint}")
 
 
+@contextlib.contextmanager
+def _garbage_collected_seldom() -> Iterator[None]:
+    """Tracing and drawing keep many objects and leave few cycles: collecting as often as Python does by default takes
+    an eighth of a run (3.11, every 700 objects)."""
+    before = gc.get_threshold()
+    gc.set_threshold(200_000)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
+
+
+@_garbage_collected_seldom()
 def main(arguments: list[str] | None = None) -> None:
     """Entry point. Exit code 2 with a few lines on bad input, 1 if a solve failed, 130 if interrupted."""
-    # Tracing and drawing keep many objects and leave few cycles: collecting at Python's 700 takes an eighth of a run.
-    gc.set_threshold(200_000)
     command, overrides = parsed(arguments)
     # A batch system's termination signal is treated as Ctrl-C: clean up, then exit.
     if threading.current_thread() is threading.main_thread():

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._checks import assembled
-from .._numerics import larger, power
+from .._numerics import larger, least_of, power
 from .._parallel import extremes, sweep
 from ..objective import Objective
 from ..theory.light_frame import LightFrame
@@ -107,8 +107,8 @@ def from_groups(groups: Groups, near: Array, grouped: bool = True) -> Footprint:
     there = jnp.isfinite(groups.z)
     # One reduction: each is a kernel of its own, which takes longer to compile or to start than its work.
     bounds = groups.least_depth, -groups.largest_depth, groups.least_lateral, -groups.largest_lateral
-    *found, none = jnp.where(there, jnp.stack([*bounds, jnp.zeros_like(groups.z)]), jnp.inf).min(1)
-    empty = none > 0
+    *found, none = least_of(jnp.where(there, jnp.stack([*bounds, jnp.zeros_like(groups.z)]), jnp.inf))
+    empty = jnp.isinf(none)
     start, end, least, largest = (jnp.where(empty, 0, sign * v) for sign, v in zip((1, -1, 1, -1), found, strict=True))
     mu, flat = range_of(start, end, jnp.maximum(jnp.abs(start), jnp.abs(end)))
     axis = axis_inside(least, largest)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._checks import Numbers, assembled, checked, float_arrays
-from .._numerics import compiled, larger
+from .._numerics import compiled, larger, least_and_largest
 from .._parallel import sweep, wide
 from .._words import one_of
 from ..objective import Objective
@@ -242,12 +242,11 @@ class DepthBuffer(OneByOne):
 
         none = jnp.full(width, jnp.inf, self.depth.dtype)
         (least, largest), (near, far) = sweep(row_bounds, (none, -none), rows, (jnp.min, jnp.max))
-        # As few reductions as there can be: on a GPU each is a kernel.
-        least, largest = jnp.stack([least, -largest]).min(1) * np.array([1, -1], least.dtype)
+        start, end = least_and_largest(least, largest)
         filled = jnp.isfinite(near)
         # A cell across a silhouette would combine near and far depths into a receiver that does not exist.
         some, mixed = jnp.stack([filled, filled & (far > _MIXED * near)]).any((1, 2))
-        return jnp.where(some, least, 0), jnp.where(some, largest, 0), near, far, mixed
+        return jnp.where(some, start, 0), jnp.where(some, end, 0), near, far, mixed
 
     def _parts(self, rows, depths, near: Array, far: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """(near, far) of each cell's pixels before and beyond the geometric mean of its depths."""

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .._numerics import largest_of
 from ..theory.light_frame import LightFrame
 from ..theory.light_space import LightDepth
 from .moments import Moments
@@ -168,7 +169,7 @@ class Footprint(eqx.Module):
         Args:
             eta: one number.
         """
-        left, right = (jnp.stack([self.sides.left, self.sides.right]) / self.sides.depth.blend(eta)).max(1)
+        left, right = largest_of(jnp.stack([self.sides.left, self.sides.right]) / self.sides.depth.blend(eta))
         return left, right
 
     def coordinates(

@@ -7,6 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .._numerics import largest_of, least_of
+
 
 def vertices_of(planes: Float[Array, "K 4"]) -> tuple[Float[Array, "N 3"], Bool[Array, " N"], Bool[Array, ""]]:
     """(points, which of them are vertices, whether an edge is unbounded) of a polytope.
@@ -65,8 +67,8 @@ def clipped(base, direction, normals, offsets, others) -> tuple[Array, Array, Ar
     towards, inside = direction @ normals.T, base @ normals.T + offsets
     slanted = others & (jnp.abs(towards) > 64 * jnp.finfo(base.dtype).eps)
     at = -inside / jnp.where(slanted, towards, 1)
-    start = jnp.where(slanted & (towards > 0), at, -jnp.inf).max(1)
-    end = jnp.where(slanted & (towards < 0), at, jnp.inf).min(1)
+    start = largest_of(jnp.where(slanted & (towards > 0), at, -jnp.inf))
+    end = least_of(jnp.where(slanted & (towards < 0), at, jnp.inf))
     bounded = jnp.isfinite(start) & jnp.isfinite(end)
     return jnp.where(bounded, start, 0), jnp.where(bounded, end, 0), bounded, slanted, inside
 

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._checks import Numbers, checked, float_arrays, is_traced
+from .._numerics import largest_of, least_of
 from ..receivers import ConvexBody
 from ..receivers.bins import BINS, bin_of
 from ..receivers.footprint import Footprint
@@ -83,7 +84,7 @@ class Prism(NamedTuple):
         least, largest = sides.across
         there = (largest >= least) & jnp.isfinite(sides.light_least)
         low, high = (jnp.where(there, v, 0) for v in (least, largest))
-        width = jnp.maximum(jnp.abs(low), jnp.abs(high)).max()
+        width = largest_of(jnp.maximum(jnp.abs(low), jnp.abs(high)))
         width = jnp.where(width > 0, width, footprint.mu)
         angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
         # Multiples of a right angle exactly, so that delta stays in [0, 1].
@@ -91,7 +92,7 @@ class Prism(NamedTuple):
         across, along = normals[:, :1], normals[:, 1:]
         reach = jnp.where(across > 0, high / width, low / width) * across
         reach = reach + jnp.where(along > 0, sides.farthest.delta, sides.depth.delta) * along
-        offsets = jnp.where(there, reach, -jnp.inf).max(1)
+        offsets = largest_of(jnp.where(there, reach, -jnp.inf))
         lengths = jnp.stack([width, height, footprint.mu])
         axes = jnp.stack([frame.x_axis, frame.light, frame.z_axis])
         return cls(axes, lengths, jnp.stack([footprint.axis, reference, footprint.start]), normals, offsets)
@@ -186,8 +187,8 @@ def _of_triangles(triangles: Float[Array, "T 3 3"], camera: Camera, prism: Prism
     first, second = inside, jnp.roll(inside, -1, 1)
     change = second - first
     at = -first / jnp.where(change != 0, change, 1)
-    start = jnp.maximum(jnp.where(change > 0, at, 0).max(-1), 0)
-    end = jnp.minimum(jnp.where(change < 0, at, 1).min(-1), 1)
+    start = jnp.maximum(largest_of(jnp.where(change > 0, at, 0)), 0)
+    end = jnp.minimum(least_of(jnp.where(change < 0, at, 1)), 1)
     kept = real[:, None] & (start <= end) & ~((change == 0) & (first < 0)).any(-1)
     step = jnp.roll(corners, -1, 1) - corners
     clipped = [Nearest.at(corners + t[..., None] * step, kept, prism) for t in (start, end)]

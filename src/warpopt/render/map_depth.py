@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .._numerics import least_and_largest, least_of
 from ..receivers.footprint import Footprint
 from ..theory.camera import Camera
 from ..theory.light_frame import LightFrame
@@ -49,10 +50,13 @@ class _Held(NamedTuple):
     """What a map's depth must hold, along the light from the first receiver.
 
     Attributes:
-        above: the least of all casters, <= 0.
-        last: of all receivers.
-        there, start, end, blends: of groups of receivers, and A's least and largest of each.
-        nearest: of casters; None for none.
+        above: the least height of any caster, or 0.
+        last: the largest of any receiver.
+        there: which groups have receivers.
+        start, end: the least and the largest height of each group.
+        blends: A at each group's two ends.
+        nearest: the casters' parts; None for no casters.
+        eta: of the warp.
     """
 
     above: Float[Array, ""]
@@ -68,22 +72,27 @@ class _Held(NamedTuple):
         """(reference, least, largest, the receivers' own least) for a reference between the ends."""
         some = self.there.any()
         reference = (1 - fraction) * self.above + fraction * self.last
-        heights = jnp.stack([self.start - reference, reference - self.end])[:, None] / self.blends
-        own, largest = jnp.where(self.there | ~some, heights, jnp.inf).min((1, 2)) * np.array([1, -1], heights.dtype)
+        counted = self.there | ~some
+        own, largest = least_and_largest(
+            jnp.where(counted, (self.start - reference) / self.blends, jnp.inf),
+            jnp.where(counted, (self.end - reference) / self.blends, -jnp.inf),
+        )
         least = own
         if self.nearest is not None:
-            delta = jnp.stack([self.nearest.low, self.nearest.high])
-            before = ((self.nearest.height - reference) / (self.eta + (1 - self.eta) * delta)).min()
+            delta, height = jnp.stack([self.nearest.low, self.nearest.high]), self.nearest.height
+            finite = jnp.isfinite(height)  # inf where there is no caster: its derivatives would be NaN
+            before = (jnp.where(finite, height, 0) - reference) / (self.eta + (1 - self.eta) * delta)
+            before = least_of(jnp.where(finite, before, height).ravel())
             least = jnp.where(some & (before < own), before, own)
         return reference, least, largest, own
 
     def cost(self, fraction: Float[Array, ""]) -> Float[Array, ""]:
-        """What is least at the best reference; it has one minimum."""
+        """The span, less a small part of the receivers' own; it has one minimum over the references."""
         _, least, largest, own = self.spanned(fraction)
         return (largest - least) - _FOR_SHARE * (largest - own)
 
     def best_fraction(self) -> Float[Array, ""]:
-        """Of the best reference, nearly. A constant for derivatives: any place serves."""
+        """Of the reference with nearly the least cost. A constant for derivatives: any place serves."""
         held, dtype = jax.lax.stop_gradient(self), self.last.dtype
         steps = np.linspace(0, 1, _AT_ONCE + 1).astype(dtype)
 
@@ -104,8 +113,10 @@ def map_depth(
     sides = footprint.sides
     there = jnp.isfinite(sides.light_least)
     some = there.any()
-    ends = jnp.where(there, jnp.stack([sides.light_least, -sides.light_largest]), jnp.inf).min(1)
-    first, last = jnp.where(some, ends, 0) * np.array([1, -1], ends.dtype)
+    ends = least_and_largest(
+        jnp.where(there, sides.light_least, jnp.inf), jnp.where(there, sides.light_largest, -jnp.inf)
+    )
+    first, last = (jnp.where(some, v, 0) for v in ends)
     # From the first receiver: numbers of the receivers' own size.
     start, end = (jnp.where(there, v - first, 0) for v in (sides.light_least, sides.light_largest))
     blends = jnp.stack([depth.blend(eta) for depth in (sides.depth, sides.farthest)])
@@ -115,9 +126,9 @@ def map_depth(
     nearest, above, extent = None, jnp.zeros_like(first), jnp.ones_like(first)
     if casters is not None:
         nearest = nearest_of(casters, camera, Prism.of(footprint, frame, first, height))
-        heights = jnp.where(some & (nearest.height < 0), nearest.height, 0)
-        extent = height / (height - heights.min())
-        above = jnp.where(jnp.isfinite(heights), heights, 0).min()
+        heights = jnp.where(some & (nearest.height < 0), nearest.height, 0).ravel()
+        extent = height / (height - least_of(heights))
+        above = least_of(jnp.where(jnp.isfinite(heights), heights, 0))
     held = _Held(above, last - first, there, start, end, blends, nearest, eta)
     reference, least, largest, own = held.spanned(held.best_fraction())
     # What is left of one depth is rounding, which must not become the whole of the map's.

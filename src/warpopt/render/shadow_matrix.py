@@ -199,9 +199,9 @@ def _matrix(
     # R orders the axes, as L_v already does: Z_w is last. W_v: moves W's axis and near plane to the origin.
     w_v = _affine(jnp.eye(3, dtype=mu.dtype), -jnp.stack([footprint.axis, depth.reference, footprint.start]) / mu)
     # A free fit's axis is x = m0 + m1 delta: sheared upright.
-    upright = _with(np.eye(4), {(0, 2): -lateral.m1 / mu, (0, 3): -lateral.m0 / mu})
+    upright = _plus(np.eye(4), {(0, 2): -lateral.m1 / mu, (0, 3): -lateral.m0 / mu})
     # W_p: (x, h, delta) to (x, h, delta) / A, with A = eta + (1 - eta) delta.
-    w_p = _with(np.diag([1, 1, 1, 0]), {(3, 2): 1 - eta, (3, 3): eta})
+    w_p = _plus(np.diag([1, 1, 1, 0]), {(3, 2): 1 - eta, (3, 3): eta})
     # F: to t, depth and s in [0, 1], then to clip space.
     span = depth.largest - depth.least
     span = jnp.where(span > 0, span, 1)
@@ -210,7 +210,7 @@ def _matrix(
         jnp.stack([jnp.where(wide, lateral.left / width, 0.5), -depth.least / span, jnp.zeros_like(mu)]),
     )
     pad_t, pad_s = padding.astype(mu.dtype)
-    inner = _with(np.eye(4), {(0, 0): -2 * pad_t, (0, 3): pad_t, (2, 2): -2 * pad_s, (2, 3): pad_s})
+    inner = _plus(np.eye(4), {(0, 0): -2 * pad_t, (0, 3): pad_t, (2, 2): -2 * pad_s, (2, 3): pad_s})
     matrix = convention @ inner @ f @ w_p @ upright @ w_v @ l_p @ l_v
     # With fewer digits than that, all receivers are at one depth.
     matrix = jnp.where(depth.extent < _LEAST_EXTENT * jnp.finfo(mu.dtype).eps, jnp.nan, matrix)
@@ -230,8 +230,8 @@ def checked_clip_space(clip_space: ClipSpace | None) -> ClipSpace:
     return clip_space
 
 
-def _with(constant: np.ndarray, entries: dict[tuple[int, int], Array]) -> Array:
-    """A matrix with numbers added to some entries. (Sums with constants fuse; updates of single entries do not.)"""
+def _plus(constant: np.ndarray, entries: dict[tuple[int, int], Array]) -> Array:
+    """A constant matrix plus numbers at some entries. (Sums with constants fuse; updates of single entries do not.)"""
     matrix: Any = 0
     for (row, column), value in entries.items():
         place = np.zeros((4, 4), value.dtype)

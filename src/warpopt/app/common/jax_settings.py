@@ -18,14 +18,14 @@ def prepare_jax(devices: int | None = None) -> None:
     os.environ.setdefault("JAX_ENABLE_X64", "1")
     os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")  # of each operation's origin, which nothing reads
     # Tables are small: compilation takes most of the time, and optimisation level 0 halves it.
+    wanted = {"xla_backend_optimization_level": "0"}
+    # The older of two emitters saves time too, and so does one part for each program: making several costs more than
+    # compiling them side by side saves. An unknown flag ends the process, so they are set only if known.
+    if importlib.metadata.version("jaxlib") == "0.10.1":
+        wanted |= {"xla_cpu_use_fusion_emitters": "false", "xla_cpu_parallel_codegen_split_count": "1"}
     flags = os.environ.get("XLA_FLAGS", "")
-    if "xla_backend_optimization_level" not in flags:
-        flags += " --xla_backend_optimization_level=0"
-        # The older of two emitters saves time too, and so does one part for each program: making several costs more
-        # than compiling them side by side saves. An unknown flag ends the process, so they are set only if known.
-        if importlib.metadata.version("jaxlib") == "0.10.1":
-            flags += " --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
-        os.environ["XLA_FLAGS"] = flags.strip()
+    added = (f"--{name}={value}" for name, value in wanted.items() if name not in flags)
+    os.environ["XLA_FLAGS"] = " ".join([flags, *added]).strip()
     if devices is not None:
         os.environ["JAX_NUM_CPU_DEVICES"] = str(devices)
     _keep_compiled_programs()

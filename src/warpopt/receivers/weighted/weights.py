@@ -120,7 +120,9 @@ class Weights(eqx.Module):
         base = z if self.by_depth else jnp.ones_like(z) if self.values is None else self.values.astype(z.dtype)
         # Only their ratios matter: products and powers stay in range for weights of any size.
         largest = jax.lax.stop_gradient(jnp.where(counted, base, 0).max())
-        weights = jnp.where(counted, base, 0) / jnp.where(largest > 0, largest, 1)
+        # Near the end of the range the reciprocal that XLA multiplies by would be below the normal numbers, hence 0.
+        fit = jnp.where(largest > 1, 1 / 16, 1).astype(z.dtype)
+        weights = jnp.where(counted, base * fit, 0) / jnp.where(largest > 0, largest * fit, 1)
         none = largest <= 0
         instead = seen if self.lit is None else jnp.where(counted.any(), counted, seen)
         return jnp.where(none, jnp.where(instead, z, 0), weights), none & seen.any()

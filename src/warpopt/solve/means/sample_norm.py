@@ -132,18 +132,18 @@ class SampleNorm(eqx.Module):
             )  # fmt: skip
             own, rise, lean_rise = backwards(jnp.ones_like(each))
             before = [jnp.where(delta < first, 1 - delta / jnp.where(first > 0, first, 1), 0) for *_, first in sides]
-            terms = [each, own, rise * part.depth.blend(eta), *(rise * share for share in before)]
+            concave = nothing
             if part.normal is not None:
                 c, s = part.normal
                 over_eta = self.along * delta * (c * delta + s * part.lateral * self.pixel_ratio)
-                concave = -lean_rise * over_eta
-                terms.append(jnp.where(concave > 0, concave, 0))
-            of_part, by_own, by_row, one, other, *rest = sums(terms)
+                concave = jnp.where(lean_rise * over_eta < 0, -lean_rise * over_eta, 0)
+            of_part, by_own, by_row, right, left, leaning = sums(
+                [each, own, rise * part.depth.blend(eta), *(rise * share for share in before), concave]
+            )
             value, by_eta, by_width = value + of_part, by_eta + by_own, by_width + by_row * self.across
-            for found, (_, steepness, _) in zip((one, other), sides, strict=True):
+            for found, (_, steepness, _) in zip((right, left), sides, strict=True):
                 bend = bend - self.across * steepness * found
-            for found in rest:
-                pole = pole + found / (eta * eta)
+            pole = pole + leaning / (eta * eta)
         return Touch(value, by_eta + by_width * widening, bend, pole)
 
     def mean(self, eta: Float[Array, ""]) -> Float[Array, ""]:
