@@ -26,10 +26,11 @@ _WIDTH = LARGEST_LOG_RATIO / _PANELS
 
 def _gauss_legendre(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre nodes and weights on [-1, 1] in extended precision, by Newton's method from NumPy's."""
-    x = np.polynomial.legendre.leggauss(count)[0].astype(np.longdouble)
+    x: np.ndarray = np.polynomial.legendre.leggauss(count)[0].astype(np.longdouble)
     slope = np.ones_like(x)
     for _ in range(2):
-        before, value = np.ones_like(x), x
+        before: np.ndarray = np.ones_like(x)
+        value: np.ndarray = x
         for n in range(2, count + 1):
             before, value = value, ((2 * n - 1) * x * value - (n - 1) * before) / n
         slope = count * (x * value - before) / (x * x - 1)

@@ -3,11 +3,11 @@
 import jax
 import numpy as np
 
+from ...objective import Objective
 from ...solve.optimal_warp import optimal_warp
 from ...theory.view_frustum import ViewFrustum
 from ...views import FrustumView
 from .bisection import bisected
-from ...objective import Objective
 
 _GRID = 1024  # directions, one of which must lie in each zone
 

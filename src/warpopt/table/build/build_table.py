@@ -10,11 +10,11 @@ import numpy as np
 from ..._checks import instance, pair, refuse_traced
 from ...objective import Objective, objective_or_default
 from ...theory.view_frustum import ViewFrustum
+from ..lambda_table import LambdaTable
+from ..lookup import Rows
+from .breakpoints import breakpoints, with_axes
 from .greedy import Grid
 from .joint import Fit, fewest_rows
-from ..lambda_table import LambdaTable
-from .breakpoints import breakpoints, with_axes
-from ..lookup import Rows
 from .polyline import fewest_knots
 from .samples import Samples, evenly
 from .slope import least_of_all, least_regret
@@ -107,8 +107,8 @@ def build_table(
         if worst <= promise:
             slope = math.inf if max_slope is None else float(max_slope)
             return LambdaTable(
-                *rows, objective,
-                max_slope=slope, promised=promise, achieved=worst, worst=at, version=importlib.metadata.version("warpopt"),
+                *rows, objective, max_slope=slope, promised=promise, achieved=worst, worst=at,
+                version=importlib.metadata.version("warpopt"),
             )  # fmt: skip
         rows, promise = attempts.send(broken)
     raise RuntimeError(f"build_table: got a regret of {worst:.3g} at {at} for a promise of {promise:g}")

@@ -10,7 +10,9 @@ from .tolerance_band import ToleranceBand
 _HIGHEST = 4.0  # of a knot; a lookup clamps at eta = 1, so pieces may cross 1 anywhere
 
 
-def best_heights(knots: np.ndarray, theta: np.ndarray, around: ToleranceBand, max_slope: float) -> tuple[np.ndarray, float]:
+def best_heights(
+    knots: np.ndarray, theta: np.ndarray, around: ToleranceBand, max_slope: float
+) -> tuple[np.ndarray, float]:
     """Heights of the polyline that maximise its least depth in the tolerance band (`ToleranceBand.depth`).
 
     Args:

@@ -6,8 +6,8 @@ import numpy as np
 import scipy.optimize
 import scipy.sparse
 
-from .heights import inside, slope_limits
 from ..lookup import Rows, between_fovs, between_ratios, lookup, on_piece
+from .heights import inside, slope_limits
 from .samples import Samples, evenly
 from .tolerance_band import ToleranceBand
 
@@ -99,7 +99,7 @@ class Fit:
         rows = self._rows(along, knots, heights)
         depths = least(self._deep(rows))
         slope, value = self._linearised(row, t, knots, heights)
-    # Few samples matter: those that fall short of the program's prediction join the next program.
+        # Few samples matter: those that fall short of the program's prediction join the next program.
         active = np.arange(len(value)) % _FIRST == 0
         cost = np.concatenate([np.zeros(size), -np.ones(intervals)])
         bounds = [(-_STEP, _STEP)] * size + [(None, _ENOUGH)] * intervals

@@ -23,7 +23,9 @@ def fewest_knots(x: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[n
     if len(x) < 2 or not (np.diff(x) > 0).all():
         raise ValueError("x: got values that do not increase, expected at least two that do")
     if not (lower <= upper).all() or not np.isfinite([lower, upper]).all():
-        raise ValueError("lower, upper: got a tolerance band that is empty or not finite somewhere, expected lower <= upper")
+        raise ValueError(
+            "lower, upper: got a tolerance band that is empty or not finite somewhere, expected lower <= upper"
+        )
     share = np.linspace(0, 1, _LEVELS)
     heights = lower[:, None] + share * (upper - lower)[:, None]
     off_middle = np.abs(share - 0.5)

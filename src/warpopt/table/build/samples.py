@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...objective import Objective
 from ...solve.optimal_warp import optimal_warp
 from ...theory.view_frustum import ViewFrustum
 from ...views import FrustumView
 from .bisection import bisected
-from .heights import best_heights
 from .breakpoints import breakpoints, with_axes
-from ...objective import Objective
+from .heights import best_heights
 from .tolerance_band import ToleranceBand, regret, tolerance_band
 
 # Fractions of the way between breakpoints: even, and denser towards both ends.
@@ -75,7 +75,9 @@ class Samples:
         more = np.concatenate([knots, (knots[:, 1:] + knots[:, :-1]) / 2], 1)
         both = copy.copy(self)
         both.theta = np.concatenate([self.theta, more], 1)
-        both.band = ToleranceBand(*(np.concatenate(pair, 1) for pair in zip(self.band, self._band_at(more), strict=True)))
+        both.band = ToleranceBand(
+            *(np.concatenate(pair, 1) for pair in zip(self.band, self._band_at(more), strict=True))
+        )
         return both
 
     def heights(self, knots: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,12 +4,12 @@ import itertools
 
 import numpy as np
 
-from ...theory.view_frustum import ViewFrustum
-from .bisection import bisected
-from .heights import best_heights
-from .breakpoints import breakpoints, with_axes
-from ..lookup import Rows
 from ...objective import Objective
+from ...theory.view_frustum import ViewFrustum
+from ..lookup import Rows
+from .bisection import bisected
+from .breakpoints import breakpoints, with_axes
+from .heights import best_heights
 from .tolerance_band import tolerance_band
 from .verify import Ranges
 

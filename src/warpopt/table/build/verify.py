@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...objective import Objective
 from ...theory.view_frustum import ViewFrustum
 from ..lookup import Rows, lookup
-from ...objective import Objective
 from .tolerance_band import regret
 
 _POINTS = 20_000  # directions for a single row; eight times as many points for several rows
