@@ -52,6 +52,7 @@ if LANE == "types":
     _parts = [path for path in (Path(__file__).parents[1] / "src/warpopt").iterdir() if path.name != "app"]
     install_import_hook([f"warpopt.{path.stem}" for path in _parts], "type_checker.checked")
 
+from warpopt.app.common.call_stack import with_room_for_calls
 from warpopt.app.common.jax_settings import prepare_jax
 
 if LANE != "default-xla":
@@ -73,7 +74,7 @@ if LANE != "default-xla":
     if hasattr(mlir, "make_ir_context"):
         mlir.make_ir_context = functools.cache(mlir.make_ir_context)
 # What JAX compiles is kept for the whole session: looking through all of it for garbage again and again took a sixth
-# of the time. Garbage is looked for at the end.
+# of the time.
 gc.collect()
 gc.freeze()
 gc.disable()
@@ -103,10 +104,17 @@ def _room_for_programs():
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_unconfigure():
-    """Look for garbage once: pytest does five times at its end, through all that JAX compiled."""
-    gc.unfreeze()
-    gc.collect()
+    """Look for garbage once, where pytest would five times, and in lanes alone: it takes 8 s of a whole run."""
+    if LANE:
+        gc.collect()
     gc.freeze()
+
+
+@pytest.hookimpl(trylast=True, specname="pytest_unconfigure")
+def _leave_at_once(config):
+    """Of xdist's workers, which have sent all they know: JAX would free every program, which takes five seconds."""
+    if hasattr(config, "workerinput"):
+        os._exit(0)
 
 
 def pytest_report_header():
@@ -124,7 +132,12 @@ def pytest_ignore_collect(collection_path):
 
 
 def pytest_collection_modifyitems(config, items):
-    """Where types are checked, without what gives wrong ones on purpose; what is thorough in its own lane."""
+    """Where types are checked, without what gives wrong ones on purpose; what is thorough in its own lane.
+
+    All with room for calls, as the command line has.
+    """
+    for item in items:
+        item.setup, item.runtest = with_room_for_calls(item.setup), with_room_for_calls(item.runtest)
     if LANE == "types":
         others = [item for item in items if item.get_closest_marker("wrong_types")]
     elif LANE in ("", "thorough"):

@@ -1,12 +1,14 @@
 """The command line end to end, each case in a folder of its own."""
 
 import ast
+import concurrent.futures
 import csv
 import gc
 import json
 import math
 import os
 import re
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -18,6 +20,7 @@ import warpopt
 from warpopt.app import cli
 from warpopt.app.cascades.settings import CascadesConfig
 from warpopt.app.common import output
+from warpopt.app.common.call_stack import with_room_for_calls
 from warpopt.app.common.jax_settings import prepare_jax
 from warpopt.app.common.settings import ConfigError, read_config
 from warpopt.app.compare.settings import CompareConfig, SceneCompareConfig
@@ -433,3 +436,33 @@ def test_a_command_leaves_the_garbage_collector_as_it_was(capsys):
     with pytest.raises(SystemExit):
         cli.main(["schema"])
     assert gc.get_threshold() == before
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="counts page faults as Linux does")
+def test_calls_within_take_no_new_memory():
+    """Wherever a loop of calls stands in the stack; without it there are places where each call faults a new page."""
+
+    def callee():
+        pass
+
+    callee.__code__ = callee.__code__.replace(co_stacksize=100)  # as large a frame as some of JAX's
+
+    def faults(depth):
+        if depth:
+            return faults(depth - 1)
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+        for _ in range(500):
+            callee()
+        return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+    def worst():
+        return max(faults(depth) for depth in range(250))
+
+    def on_a_thread(function):
+        """Its stack is its own, without the room that tests have."""
+        with concurrent.futures.ThreadPoolExecutor(1) as thread:
+            return thread.submit(function).result()
+
+    assert on_a_thread(worst) >= 500
+    assert on_a_thread(with_room_for_calls(worst)) < 50
+    assert with_room_for_calls(worst).__name__ == "worst"

@@ -1,5 +1,6 @@
 """The command line: assembles the commands. No command imports JAX before its input is valid."""
 
+import atexit
 import contextlib
 import dataclasses
 import difflib
@@ -17,6 +18,7 @@ import pydantic
 import tyro
 
 from .cascades.command import Cascades
+from .common.call_stack import with_room_for_calls
 from .common.command import Failed, Plain
 from .common.jax_settings import CACHE_VARIABLE
 from .common.settings import ConfigError
@@ -78,15 +80,17 @@ def _refuse_unknown(words: list[str]) -> None:
 @contextlib.contextmanager
 def _garbage_collected_seldom() -> Iterator[None]:
     """Tracing and drawing keep many objects and leave few cycles: collecting as often as Python does by default takes
-    an eighth of a run (3.11, every 700 objects)."""
+    an eighth of a run (3.11, every 700 objects), and a last time as it ends, to free nothing, a twentieth."""
     before = gc.get_threshold()
-    gc.set_threshold(200_000)
+    gc.set_threshold(1_000_000)
+    atexit.register(gc.freeze)
     try:
         yield
     finally:
         gc.set_threshold(*before)
 
 
+@with_room_for_calls
 @_garbage_collected_seldom()
 def main(arguments: list[str] | None = None) -> None:
     """Entry point. Exit code 2 with a few lines on bad input, 1 if a solve failed, 130 if interrupted."""
