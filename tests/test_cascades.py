@@ -10,6 +10,7 @@ import pytest
 import warpopt
 from warpopt import FrustumView, Objective, SceneView, ViewFrustum, cascades
 from warpopt.cascades import splits
+from warpopt.cascades.chain import pairs_of
 from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, PointReceivers
 
 PHI = float(np.deg2rad(30))
@@ -178,6 +179,14 @@ def test_the_best_chain_of_a_mean_is_stationary():
     slope = (g(u + step) - g(u - step)) / (2 * step)
     left, right = slope[:-1] * np.exp(-u[:-1]), slope[1:] - g(u)[1:]
     np.testing.assert_allclose(left, right, rtol=2e-3)  # splits are found to 1e-4 of their interval
+
+
+def test_only_pairs_that_a_chain_may_have_are_solved():
+    """By enumeration of all chains: of three cascades and more any pair, of two those that have an end of the range."""
+    for inner in (1, 2, 3):
+        chains = ([0, *chosen, 4] for chosen in itertools.combinations_with_replacement(range(5), inner))
+        expected = {pair for chain in chains for pair in itertools.pairwise(chain)}
+        assert set(map(tuple, pairs_of(5, inner).tolist())) == expected
 
 
 def sets_of_points(count: int, size: int):

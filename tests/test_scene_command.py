@@ -16,6 +16,7 @@ from warpopt.app.common.error_maps import errors, image_of
 from warpopt.app.common.settings import read_config
 from warpopt.app.inputs.scene_files import read_scene
 from warpopt.app.scene.figures import seen_of
+from warpopt.app.scene.report import scene_report
 from warpopt.app.scene.settings import SceneConfig
 from warpopt.app.scene.solve import solve_scene
 from warpopt.receivers import DepthBuffer
@@ -211,7 +212,7 @@ def test_a_view_matrix_is_the_camera_that_it_is_of(folder):
 
 def test_overrides_reach_the_only_camera(folder, capsys):
     text = toml(BOX, light="path = [[0, -1, 0]]").replace("[camera]", "[[camera]]")
-    assert run(text, "--camera.near", "2", "--output.reversed-z", "true")["cameras"][0]["near"] == 2
+    assert run(text, "--camera.near", "2")["cameras"][0]["near"] == 2
     Path("scene.toml").write_text(f"[[camera]]\n{CAMERA}\n" + text)
     assert invoke("scene.toml", "--camera.near", "2") == 2
     assert "got 2 tables [[camera]], expected one" in capsys.readouterr().err
@@ -257,6 +258,10 @@ def test_the_report_says_which_pixels_count(folder, by):
     """With a mask lit pixels only; but edges count on both sides, and all pixels where the mask has none."""
     np.save("ground.npy", ground())
     np.save("lit.npy", np.ones((HEIGHT, WIDTH), bool))
-    run(toml("depth = { files = 'ground.npy' }", more=f"[weights]\nby = '{by}'\nlit = 'lit.npy'\n"))
-    (told,) = (part for part in (folder / "out/report.md").read_text().split("\n") if "In means, " in part)
+    Path("scene.toml").write_text(
+        toml("depth = { files = 'ground.npy' }", more=f"[weights]\nby = '{by}'\nlit = 'lit.npy'\n")
+    )
+    config = read_config(Path("scene.toml"), [], SceneConfig)
+    report = scene_report(config, read_scene(config, folder), [], [], [])
+    (told,) = (part for part in report.split("\n") if "In means, " in part)
     assert ("lit pixels only" in told) == (by != "edges")

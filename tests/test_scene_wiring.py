@@ -299,8 +299,9 @@ def test_depths_before_the_near_plane_are_reported():
     """Kilometres, or a reversed buffer that is read as linear: a number, and a note beside it."""
     np.save("km.npy", np.full((9, 16), 0.05))
     camera = POSE + f"half_fov_deg = 25.0\naspect = {16 / 9}"
-    told = run(toml("depth = { files = 'km.npy' }", camera=camera))
-    assert told["notes"] == ["km.npy: 144 of 144 values are nearer than near = 1: units or encoding?"]
+    assert scene_of(toml("depth = { files = 'km.npy' }", camera=camera)).notes == [
+        "km.npy: 144 of 144 values are nearer than near = 1: units or encoding?"
+    ]
 
 
 def test_a_box_before_a_camera_without_far(capsys):

@@ -1,7 +1,7 @@
 """The chain of splits with the least sum of costs, by a dynamic programme over depths to choose from.
 
-First over all pairs of depths that are even in the logarithm, or lie between receivers; then again over finer ones
-about each split, and the pairs of neighbours' alone.
+First over pairs of depths that are even in the logarithm, or lie between receivers; then again over finer ones about
+each split, and the pairs of neighbours' alone.
 """
 
 import itertools
@@ -28,7 +28,7 @@ def refined(
         splits: cascades less one.
         zooms: by a factor of four each.
     """
-    found = chain(even_in_the_logarithm(near, far, np.linspace(0, 1, count)), all_pairs(count))
+    found = chain(even_in_the_logarithm(near, far, np.linspace(0, 1, count)), pairs_of(count, splits))
     step = jnp.log(far / near) / (count - 1)
     for _ in range(zooms):
         found = chain(_depths_about(found, near, far, step), _pairs_about(splits))
@@ -36,9 +36,10 @@ def refined(
     return found
 
 
-def all_pairs(count: int) -> Int[np.ndarray, "M 2"]:
-    """Numbers of depths, of which the second is no nearer."""
-    return np.stack(np.triu_indices(count), 1)
+def pairs_of(count: int, splits: int) -> Int[np.ndarray, "M 2"]:
+    """Numbers of depths where a cascade may begin and end, the second no nearer; of two, each has an end of the range."""
+    pairs = np.stack(np.triu_indices(count), 1)
+    return pairs if splits > 1 else pairs[(pairs[:, 0] == 0) | (pairs[:, 1] == count - 1)]
 
 
 def _pairs_about(splits: int) -> Int[np.ndarray, "M 2"]:

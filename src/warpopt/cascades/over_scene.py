@@ -22,14 +22,14 @@ from ..receivers.weighted.cells import EXACT
 from ..solve.scene import settled_scene, solve_scene
 from ..solve.solution import SceneSolution
 from ..views import SceneView, one_light
-from .chain import all_pairs, best_chain, refined
+from .chain import best_chain, pairs_of, refined
 from .splits import even_in_the_logarithm
 
 _STEPS = 60  # of the search for the common error: bisection shrinks its interval to rounding
 _FEW = 64  # depths that means are split at: 2,016 cascades between them
 _OF_BODY = 24  # of a body and a histogram, whose means are smooth, and take longer
 _ZOOMS = 4  # then finer ones about each split: the last steps are a 16,000th of the range's logarithm
-_TOGETHER = 256  # cascades in one call
+_TOGETHER = 64  # cascades in one call
 _CELLS = 4097  # depths to split cells of many pixels at for a maximum: far/near of 1e4 in steps of 0.2 %
 _BODY = 65_537  # the same for a body: of 0.014 %
 _CLOSE = 2e-3  # of the common error, over cells
@@ -282,7 +282,7 @@ def _least_sum(
 
     depths = _between_all(view, ends, _FEW, not overlap)
     if depths is not None:
-        found = chain(depths, all_pairs(len(depths)))
+        found = chain(depths, pairs_of(len(depths), len(scale) - 1))
     else:
         count = _FEW if view.receivers.of_cells else _OF_BODY
         found = refined(chain, ends[0], ends[1], len(scale) - 1, count, _ZOOMS)
@@ -305,7 +305,7 @@ def _costs(
         value = _error(view, start, jnp.maximum(b, start * (1 + 1e-6)), objective, warp)
         return jnp.where(b > a, share * value**objective.order, jnp.where(b == a, 0, jnp.inf))
 
-    return jax.lax.map(one, (a, b, shares), batch_size=64)
+    return jax.vmap(one)((a, b, shares))
 
 
 @jax.jit
