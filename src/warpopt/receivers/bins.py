@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._checks import assembled
-from .._numerics import larger, least_of, power
+from .._numerics import larger, least_and_largest, least_of, power
 from .._parallel import extremes, sweep
 from ..objective import Objective
 from ..theory.light_frame import LightFrame
@@ -79,14 +79,14 @@ def grouped(seen: Array, d: Array, x: Array, h: Array, z: Array, which: Array, c
 
 def ends(seen: Bool[Array, "..."], values: Float[Array, "..."]) -> tuple[Array, Array]:
     """The least and the largest of the visible values; 0 if none are visible."""
-    least, largest = jnp.where(seen, values, jnp.inf).min(), jnp.where(seen, values, -jnp.inf).max()
     there = seen.any()
-    return jnp.where(there, least, 0), jnp.where(there, largest, 0)
+    least, largest = (jnp.where(there, end, 0) for end in extent_of(values, seen))
+    return least, largest
 
 
 def extent_of(z: Float[Array, "..."], seen: Bool[Array, "..."]) -> tuple[Array, Array]:
     """(least, largest) eye depth of the visible receivers; (inf, -inf) if there are none."""
-    return jnp.where(seen, z, jnp.inf).min(), jnp.where(seen, z, -jnp.inf).max()
+    return least_and_largest(jnp.where(seen, z, jnp.inf), jnp.where(seen, z, -jnp.inf))
 
 
 def singles(valid: Bool[Array, " N"], points: Float[Array, "N 3"], frame: LightFrame) -> Groups:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._numerics import largest_of
+from .._numerics import largest_of, least_of
 from ..theory.light_frame import LightFrame
 from ..theory.light_space import LightDepth
 from .moments import Moments
@@ -84,8 +84,8 @@ class FreeFit(eqx.Module):
         usable = there & (jnp.abs(away) > 64 * jnp.finfo(eta.dtype).eps)
         safe = jnp.where(usable, away, 1)
         rising, falling = (upper - centre - half * blend) / safe, (lower - centre + half * blend) / safe
-        least = jnp.where(usable, jnp.where(away > 0, rising, falling), -jnp.inf).max()
-        most = jnp.where(usable, jnp.where(away > 0, falling, rising), jnp.inf).min()
+        least = largest_of(jnp.where(usable, jnp.where(away > 0, rising, falling), -jnp.inf))
+        most = least_of(jnp.where(usable, jnp.where(away > 0, falling, rising), jnp.inf))
         # Where two chords are equally wide, the interval is a point, up to rounding.
         pinned = (jnp.where(jnp.isfinite(least), least, 0) + jnp.where(jnp.isfinite(most), most, 0)) / 2
         slope = jnp.where(least > most, pinned, jnp.where(least > 0, least, jnp.where(most < 0, most, 0)))
@@ -159,9 +159,9 @@ class Footprint(eqx.Module):
         m0, m1 = self.free.line(eta)
         there = self.free.upper >= self.free.lower
         blend, axis = self.free.depth.blend(eta), m0 + m1 * self.free.depth.delta
-        left = jnp.where(there, (axis - jnp.where(there, self.free.lower, 0)) / blend, -jnp.inf).max()
-        right = jnp.where(there, (jnp.where(there, self.free.upper, 0) - axis) / blend, -jnp.inf).max()
-        return LateralFit(m0, m1, *(jnp.where(there.any(), v, 0) for v in (left, right)))
+        away = axis - jnp.where(there, self.free.lower, 0), jnp.where(there, self.free.upper, 0) - axis
+        sides = largest_of(jnp.where(there, jnp.stack(away) / blend, -jnp.inf))
+        return LateralFit(m0, m1, *jnp.where(there.any(), sides, 0))
 
     def half_widths(self, eta: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """(largest (axis - x)/A, largest (x - axis)/A): the map's half widths on both sides of W's axis.
