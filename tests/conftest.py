@@ -103,18 +103,17 @@ def _room_for_programs():
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_unconfigure():
-    """Look for garbage once, where pytest would five times, and in lanes alone: it takes 8 s of a whole run."""
-    if LANE:
-        gc.collect()
-    gc.freeze()
+def pytest_unconfigure(config):
+    """Look for garbage once, where pytest would five times.
 
-
-@pytest.hookimpl(trylast=True, specname="pytest_unconfigure")
-def _leave_at_once(config):
-    """Of xdist's workers, which have sent all they know: JAX would free every program, which takes five seconds."""
+    Not in xdist's workers, whose warnings nobody would see at this point: they leave at once. JAX would free each of
+    their programs, which takes five seconds.
+    """
     if hasattr(config, "workerinput"):
         os._exit(0)
+    gc.unfreeze()
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_report_header():
@@ -134,7 +133,7 @@ def pytest_ignore_collect(collection_path):
 def pytest_collection_modifyitems(config, items):
     """Where types are checked, without what gives wrong ones on purpose; what is thorough in its own lane.
 
-    All with room for calls, as the command line has.
+    Each test has the room for calls that the command line has.
     """
     for item in items:
         item.setup, item.runtest = with_room_for_calls(item.setup), with_room_for_calls(item.runtest)

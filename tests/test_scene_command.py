@@ -235,15 +235,19 @@ def test_a_night_without_sun_is_a_result(folder, capsys):
 
 
 def test_a_warp_that_cannot_help_is_told_with_its_margin(folder):
-    problem = run(
+    told = run(
         toml("whole_frustum = {}", light="direction = [0, -0.1, -1]", more="[objective]\nmetrics = ['q']"),
-        "--output.convention", "direct3d",
-    )["problems"][0]  # fmt: skip
+        "--output.convention", "direct3d", "--output.reversed-z", "true",
+    )  # fmt: skip
+    problem = told["problems"][0]
     assert problem["outcome"] == "no_warp"
     assert problem["no_warp"] is True
     assert problem["lambda"] is None
     assert problem["margin"] <= 0
-    np.testing.assert_allclose(np.array(problem["matrix"])[:3, 3], 0)  # row vectors: w = 1 for every point
+    matrix = np.array(problem["matrix"])
+    np.testing.assert_allclose(matrix[:3, 3], 0)  # row vectors: w = 1 for every point
+    assert told["convention"] == {"name": "direct3d", "reversed_z": True, "vectors": "row"}
+    assert np.array([0, -0.1, -1]) @ matrix[:3, 2] < 0  # reversed: the depth falls along the light
 
 
 def test_schema_of_scene(capsys):

@@ -80,10 +80,9 @@ def _refuse_unknown(words: list[str]) -> None:
 @contextlib.contextmanager
 def _garbage_collected_seldom() -> Iterator[None]:
     """Tracing and drawing keep many objects and leave few cycles: collecting as often as Python does by default takes
-    an eighth of a run (3.11, every 700 objects), and a last time as it ends, to free nothing, a twentieth."""
+    an eighth of a run (3.11, every 700 objects)."""
     before = gc.get_threshold()
     gc.set_threshold(1_000_000)
-    atexit.register(gc.freeze)
     try:
         yield
     finally:
@@ -94,6 +93,9 @@ def _garbage_collected_seldom() -> Iterator[None]:
 @_garbage_collected_seldom()
 def main(arguments: list[str] | None = None) -> None:
     """Entry point. Exit code 2 with a few lines on bad input, 1 if a solve failed, 130 if interrupted."""
+    # A process that is the command's alone: looking for garbage at its end would take a twentieth of a run.
+    if arguments is None:
+        atexit.register(gc.freeze)
     command, overrides = parsed(arguments)
     # A batch system's termination signal is treated as Ctrl-C: clean up, then exit.
     if threading.current_thread() is threading.main_thread():

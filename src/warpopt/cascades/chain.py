@@ -37,7 +37,7 @@ def refined(
 
 
 def pairs_of(count: int, splits: int) -> Int[np.ndarray, "M 2"]:
-    """Numbers of depths where a cascade may begin and end, the second no nearer; of two, each has one of the ends."""
+    """Numbers of depths where a cascade may begin and end, the second no nearer; with two, each has one end."""
     pairs = np.stack(np.triu_indices(count), 1)
     return pairs if splits > 1 else pairs[(pairs[:, 0] == 0) | (pairs[:, 1] == count - 1)]
 

@@ -26,7 +26,7 @@ from .chain import best_chain, pairs_of, refined
 from .splits import even_in_the_logarithm
 
 _STEPS = 60  # of the search for the common error: bisection shrinks its interval to rounding
-_FEW = 64  # depths that means are split at: 2,016 cascades between them
+_FEW = 64  # depths that means are split at: up to 2,016 cascades between them
 _OF_BODY = 24  # of a body and a histogram, whose means are smooth, and take longer
 _ZOOMS = 4  # then finer ones about each split: the last steps are a 16,000th of the range's logarithm
 _TOGETHER = 64  # cascades in one call

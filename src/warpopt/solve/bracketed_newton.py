@@ -60,7 +60,7 @@ class BracketedNewton(optx.AbstractRootFinder):
         stride = jnp.where(trusted, stride, upper - lower)
         return new, _State(lower, upper, stride, state.done | small | collapsed), aux
 
-    def terminate(self, fn, y, args, options, state: _State, tags) -> tuple[Array, Any]:  # a result looks like a text
+    def terminate(self, fn, y, args, options, state: _State, tags) -> tuple[Array, Any]:  # a checker sees a str
         return jnp.all(state.done), optx.RESULTS.successful
 
     def postprocess(self, fn, y, aux, args, options, state: _State, tags, result):

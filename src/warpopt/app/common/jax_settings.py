@@ -16,7 +16,6 @@ CACHE_VARIABLE = "WARPOPT_CACHE"
 def prepare_jax(devices: int | None = None) -> None:
     """Double precision; settings that the user made are kept."""
     os.environ.setdefault("JAX_ENABLE_X64", "1")
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # NumPy's matrices are small, and threads that wait spin
     os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")  # of each operation's origin, which nothing reads
     # Tables are small: compilation takes most of the time, and optimisation level 0 halves it.
     wanted = {"xla_backend_optimization_level": "0"}

@@ -37,7 +37,7 @@ def best_heights(
     found = scipy.optimize.linprog(
         cost, scipy.sparse.vstack(parts), np.concatenate(limits), bounds=bounds, method="highs-ds"
     )
-    if not found.success:
+    if found.x is None or not found.success:
         raise RuntimeError(f"best_heights: {found.message}")
     return found.x[:-1], float(found.x[-1])
 
@@ -68,7 +68,12 @@ def inside(
     bounded = around.bounded
     below, above = 1 / below, 1 / above[bounded]  # the program's tolerance is then a depth
     depth = scipy.sparse.csr_matrix((np.ones(len(value)), (np.arange(len(value)), group)), (len(value), groups))
-    lower = scipy.sparse.hstack([slope.multiply(-below[:, None]), depth])
-    upper = scipy.sparse.hstack([slope[bounded].multiply(above[:, None]), depth[bounded]])
+    lower = scipy.sparse.hstack([_times(slope, -below), depth])
+    upper = scipy.sparse.hstack([_times(slope[bounded], above), depth[bounded]])
     limits = (value - around.lower) * below, (around.upper - value)[bounded] * above
     return scipy.sparse.csr_matrix(scipy.sparse.vstack([lower, upper])), np.concatenate(limits)
+
+
+def _times(matrix: scipy.sparse.csr_matrix, factors: np.ndarray) -> scipy.sparse.csr_matrix:
+    """Each row times its factor."""
+    return scipy.sparse.csr_matrix(matrix.multiply(factors[:, None]))

@@ -1,6 +1,7 @@
 """The fewest rows of a table over one axis: their places, and heights that also serve the lookup between rows."""
 
 import math
+from typing import Any
 
 import numpy as np
 import scipy.optimize
@@ -104,15 +105,17 @@ class Fit:
         cost = np.concatenate([np.zeros(size), -np.ones(intervals)])
         bounds = [(-_STEP, _STEP)] * size + [(None, _ENOUGH)] * intervals
         # Between rows, log(eta) and the knots' distances are blended equally, so no slope exceeds those of the rows.
-        steepness = scipy.sparse.block_diag([slope_limits(row, self.max_slope) for row in knots], "csr")
+        limits_of_slopes = [slope_limits(row, self.max_slope) for row in knots]
+        steepness = scipy.sparse.csr_matrix(scipy.sparse.block_diag(limits_of_slopes))
         for _ in range(_PROGRAMS):
             few = ToleranceBand(*(v[active] for v in self.band))
             program, limits = inside(slope[active], value[active], few, interval[active], intervals)
-            steeper = scipy.sparse.hstack([steepness.multiply(heights.ravel()), 0 * steepness[:, :intervals]])
-            program = scipy.sparse.vstack([program, steeper])
+            scaled = scipy.sparse.csr_matrix(steepness.multiply(heights.ravel()))
+            steeper = scipy.sparse.hstack([scaled, 0 * steepness[:, :intervals]])
+            both: Any = scipy.sparse.vstack([program, steeper])  # sparse matrices are missing in linprog's stub
             limits = np.concatenate([limits, -(steepness @ heights.ravel())])
-            found = scipy.optimize.linprog(cost, program, limits, bounds=bounds, method="highs-ipm")
-            if not found.success:
+            found = scipy.optimize.linprog(cost, both, limits, bounds=bounds, method="highs-ipm")
+            if found.x is None or not found.success:
                 break
             changed = heights * (1 + found.x[:size].reshape(heights.shape))
             tried = self._rows(along, knots, changed)
