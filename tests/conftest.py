@@ -27,12 +27,9 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # workers have their parent's
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2",  # writing what is compiled faster costs more than it saves
         "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
     }
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the matrices are small, and idle threads spin
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # jaxlib 0.10.1 warns at each program that it reads
 os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")  # of each operation's origin, which nothing here reads
-os.environ.setdefault(
-    "JAX_TRACEBACK_FILTERING", "off"
-)  # it looks at each frame's file for every error that is expected
+os.environ.setdefault("JAX_TRACEBACK_FILTERING", "off")  # for every expected error it looks at each frame's file
 
 LANE = os.environ.get("WARPOPT_LANE", "")
 # Their files of tests; without a lane, all but the one that is theirs.

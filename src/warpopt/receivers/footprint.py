@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._numerics import largest_of, least_of
+from .._numerics import largest_of, least_and_largest
 from ..theory.light_frame import LightFrame
 from ..theory.light_space import LightDepth
 from .moments import Moments
@@ -84,8 +84,10 @@ class FreeFit(eqx.Module):
         usable = there & (jnp.abs(away) > 64 * jnp.finfo(eta.dtype).eps)
         safe = jnp.where(usable, away, 1)
         rising, falling = (upper - centre - half * blend) / safe, (lower - centre + half * blend) / safe
-        least = largest_of(jnp.where(usable, jnp.where(away > 0, rising, falling), -jnp.inf))
-        most = least_of(jnp.where(usable, jnp.where(away > 0, falling, rising), jnp.inf))
+        most, least = least_and_largest(
+            jnp.where(usable, jnp.where(away > 0, falling, rising), jnp.inf),
+            jnp.where(usable, jnp.where(away > 0, rising, falling), -jnp.inf),
+        )
         # Where two chords are equally wide, the interval is a point, up to rounding.
         pinned = (jnp.where(jnp.isfinite(least), least, 0) + jnp.where(jnp.isfinite(most), most, 0)) / 2
         slope = jnp.where(least > most, pinned, jnp.where(least > 0, least, jnp.where(most < 0, most, 0)))
