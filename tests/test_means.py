@@ -4,6 +4,7 @@ import functools
 
 import jax
 import jax.numpy as jnp
+import mpmath
 import numpy as np
 import pytest
 
@@ -129,11 +130,44 @@ def test_an_edges_offset_is_the_mean_distance_over_a_texel():
         np.testing.assert_allclose(edge_offset(*map(jnp.asarray, (e_p, sigma, e_q))), mean, rtol=2e-6)
 
 
+def test_an_edges_offset_and_its_derivatives_are_those_of_many_digits():
+    """T53's integrals from the texel's sides, to 60 digits, and their differences; bounds in the dtype's eps.
+
+    8 for a dozen roundings; 200 for derivatives: g is rounded over T^2 >= 1/16, a third of a difference is left.
+    """
+    rng = np.random.default_rng(2)
+    e_p, e_q = np.exp(rng.normal(0, 5, (2, 60)))
+    sigma = rng.normal(size=60) * np.exp(rng.normal(0, 3, 60))
+    sigma[:6] = 0, 0, 1e-9, e_q[3] / e_p[3], -1e6, 1e6
+
+    def exact(p, sigma, q):
+        s = p * abs(sigma)
+        R, a = (mpmath.hypot(p, s + q) + mpmath.hypot(p, s - q)) / 2, mpmath.hypot(p, s)
+        sides = [(q, s, p / 2), (a, q * s / a, q * p / (2 * a))]
+        to_sides = (R / 4 + b**2 / (4 * R) + h**2 * mpmath.atanh(length / R) / length for length, b, h in sides)
+        return 2 / (3 * mpmath.pi) * sum(to_sides)
+
+    for dtype, unit in ((np.float64, 2.0**-52), (np.float32, 2.0**-23)):
+        inputs = np.stack([e_p, sigma, e_q], 1).astype(dtype)
+        found = jax.jit(jax.vmap(jax.value_and_grad(lambda v: edge_offset(*v))))(inputs)
+        for row, value, slopes in zip(inputs.astype(float), *(np.asarray(v, float) for v in found), strict=True):
+            with mpmath.workdps(60):
+                args = [mpmath.mpf(float(v)) for v in row]
+                assert abs(value / exact(*args) - 1) < 8 * unit, row
+                for k, got in enumerate(slopes):
+                    step = mpmath.mpf(10) ** -20 * (abs(args[k]) or 1)
+                    low, high = (exact(*(v + by * (i == k) for i, v in enumerate(args))) for by in (-step, step))
+                    wanted = (high - low) / (2 * step)
+                    assert abs(got - wanted) <= 200 * unit * abs(wanted) + step, (row, k)
+
+
 @pytest.mark.parametrize("lengths", [(0, 0, 0), (1, 0, 0), (0, 0, 1), (0, 3, 1), (1, 1e-9, 1e-9), (1e-200, 1, 1)])
 def test_an_edges_offset_has_finite_gradients_at_every_edge(lengths):
     gradient = jax.jit(jax.grad(lambda v: edge_offset(*v)))(np.array(lengths, float))
     assert np.isfinite(gradient).all()
     assert (gradient >= -1e-300).all()  # it falls in none of the lengths
+    curvature = jax.jit(jax.jacfwd(jax.grad(lambda v: edge_offset(*v))))(np.array(lengths, float))
+    assert np.isfinite(curvature).all()
 
 
 @functools.partial(jax.jit, static_argnums=1)

@@ -6,12 +6,14 @@ is the shear, dx/dd at constant t. Every function here is convex and homogeneous
 |sigma E_p| and E_q, and falls in none of them: the certificate of `solve.weak_convexity` rests on that.
 """
 
+import math
 from collections.abc import Callable
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._numerics import larger
+from .._numerics import horner, larger, over
 
 
 def longest_edge(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -53,13 +55,7 @@ def edge_offset(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float
     """The expected offset of a shadow edge of unknown direction: how far nearest lookup moves it, in pixels.
 
     The true edge passes anywhere through the texel, whose centre decides: the offset across an edge with unit normal n
-    is |n . r|, r uniform over the texel, and its mean over all n is 2/pi times the mean of |r|. Over a parallelogram
-    that is a third of the mean distances from its centre to a side of each kind,
-
-        (2/pi) (m_1 + m_2) / 3,    m = R/4 + s^2/(4 R) + h^2 atanh(L/R)/L
-
-    for a side of length L whose line is h from the centre, with s twice its middle's distance from the foot of the
-    perpendicular, and R the sum of the distances from the centre to its ends: half the sum of the two diagonals.
+    is |n . r|, r uniform over the texel, and its mean over all n is 2/pi times the mean of |r| (T53).
 
     Args:
         e_p, e_q: >= 0, pixels per texel, of shapes that broadcast.
@@ -73,15 +69,7 @@ def edge_offset(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float
         >>> [round(v * 2 * 3.14159265, 4) for v in one_direction]   # a segment of length 1: (2/pi) / 4
         [1.0, 1.0]
     """
-    scale = larger(e_p, e_q)
-    safe = jnp.where(scale > 0, scale, 1)
-    p, q = e_p / safe, e_q / safe
-    secant = jnp.sqrt(1 + sigma * sigma)
-    shear = p * jnp.abs(sigma)
-    ends = (_length(p, shear + q) + _length(p, shear - q)) / 2
-    rows = _side(q, ends, shear, p / 2)
-    columns = _side(p * secant, ends, q * jnp.abs(sigma) / secant, q / (2 * secant))
-    return jnp.where(scale > 0, scale * (2 / (3 * jnp.pi)) * (rows + columns), 0)
+    return _mean_distance(*jnp.broadcast_arrays(e_p, e_p * jnp.abs(sigma), e_q)) * (2 / jnp.pi)
 
 
 def lean(
@@ -124,28 +112,62 @@ def offset_across(column: Float[Array, "..."], row: Float[Array, "..."]) -> Floa
     return most / 4 + least * least / (12 * jnp.where(most > 0, most, 1))
 
 
-def _side(length: Array, ends: Array, middle: Array, height: Array) -> Array:
-    """The mean distance from the centre to a side."""
-    safe = jnp.where(ends > 0, ends, 1)
-    # atanh diverges where the centre lies on the side's line, as height^2 vanishes faster.
-    highest = 1 - 4 * jnp.finfo(ends.dtype).eps
-    ratio = jnp.clip(length / safe, 0, highest)
-    return ends / 4 + (middle * middle) / (4 * safe) + height * height * _atanh_over(ratio) / safe
+@jax.custom_jvp
+def _mean_distance(p: Array, s: Array, q: Array) -> Array:
+    """The mean distance from the centre of a texel with the edges (p, s) and (0, q); none of them negative."""
+    return _with_gradient(p, s, q)[0]
 
 
-def _atanh_over(t: Array) -> Array:
-    """atanh(t) / t, also at 0."""
-    small = t < 0.05
-    square = t * t
-    series = 1 + square * (1 / 3 + square * (1 / 5 + square * (1 / 7 + square * (1 / 9 + square / 11))))
-    safe = jnp.where(small, 0.5, t)
-    # One logarithm of a quotient instead of arctanh's two: as exact where t is not small, and half the time.
-    return jnp.where(small, series, jnp.log((1 + safe) / (1 - safe)) / (2 * safe))
+@_mean_distance.defjvp
+def _mean_distance_jvp(primals, tangents):
+    # By hand: what automatic differentiation makes of the value is five times as much to compute.
+    value, (by_p, by_s, by_q) = _with_gradient(*primals)
+    p, s, q = tangents
+    return value, by_p * p + by_s * s + by_q * q
+
+
+def _with_gradient(p: Array, s: Array, q: Array) -> tuple[Array, tuple[Array, Array, Array]]:
+    """(the mean distance, its derivatives by p, s and q): (T53)."""
+    # All are homogeneous in the lengths: what they are divided by needs no derivative.
+    scale = jax.lax.stop_gradient(larger(larger(p, s), q))
+    p, s, q = (v / _positive(scale) for v in (p, s, q))
+    longer, shorter = _length(p, s + q), _length(p, s - q)  # the diagonals
+    half = (longer + shorter) / 2
+    # half - max(s, q), half - s and half - q: differences of large numbers where p is small.
+    rest = p * p * (1 / _positive(longer + s + q) + 1 / _positive(shorter + jnp.abs(s - q))) / 2
+    over_s, over_q = (rest + jnp.where(change > 0, change, 0) for change in (q - s, s - q))
+    unit = 1 / _positive(half)
+    P, S, Q = p * unit, s * unit, q * unit
+    side, square = _length(P, S), P * P + S * S
+    PP, SS, QQ = P * P, S * S, Q * Q
+    of_side = _atanh_rest(side, square, QQ * (over_s * unit) * (1 + S))
+    of_row = _atanh_rest(Q, QQ, (over_q * unit) * (1 + Q))
+    towards, across = (QQ * part / _positive(square) for part in (SS, PP))
+    value = half * (3 + SS * QQ + PP * QQ * (of_side + of_row))
+    by_p = P * (3 - towards + (2 * towards - across) * of_side + 2 * QQ * of_row)
+    by_s = S * (3 - towards - 3 * across * of_side)
+    by_q = Q * (3 - SS + PP * (2 * of_side - of_row))
+    return scale * value / 12, (by_p / 12, by_s / 12, by_q / 12)
+
+
+def _atanh_rest(t: Array, square: Array, rest: Array) -> Array:
+    """(atanh(t) / t - 1) / t^2 for 0 <= t <= 1, from t, t^2 and 1 - t^2; what it is multiplied by is 0 at 1."""
+    numbers = jnp.finfo(t.dtype)
+    near, terms = 0.0625, math.ceil(math.log(float(numbers.eps)) / math.log(0.0625))
+    series = horner([1 / (2 * k + 3) for k in reversed(range(terms))], jnp.where(square < near, square, 0))
+    large, big = (jnp.where(square < near, 0.25, v) for v in (t, square))
+    away = jnp.where(rest > 16 * numbers.tiny, rest, 16 * numbers.tiny)
+    return jnp.where(square < near, series, (jnp.log(over((1 + large) ** 2, away)) / (2 * large) - 1) / big)
 
 
 def _length(x: Array, y: Array) -> Array:
     square = x * x + y * y
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
+
+
+def _positive(value: Array) -> Array:
+    """The value, or 1 where it is 0: a divisor."""
+    return jnp.where(value > 0, value, 1)
 
 
 Kernel = Callable[[Array, Array, Array], Array]
