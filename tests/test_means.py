@@ -456,7 +456,7 @@ def of_two_and_centroid(few, many, floor):
     eta = search.eta
     return (
         eta, few.touch(eta).value, many.touch(eta).value, covariance_loss(many, eta, eta), corner_mean(many, eta),
-        excess_of_cells(many, many, search, jnp.log(eta), floor),
+        excess_of_cells(many, many, search, jnp.log(eta), value_at(many, jnp.log(eta)), floor),
     )  # fmt: skip
 
 

@@ -114,15 +114,21 @@ def test_extremes_of_groups(wide, dtype):
 
 @pytest.mark.parametrize("occupied", [0.0, 0.002, 0.05, 0.2, 0.3, 1.0])
 def test_cells_are_compacted_at_once_as_one_by_one(occupied):
-    """The finest list that fits, in its order, and 0 beyond: also of none, and where only the last one fits."""
+    """The finest list that fits, in its order, and 0 beyond: also of none, and where only the last one fits.
+
+    Two groups whose rooms differ choose different lists, of which they have two in common.
+    """
     rng = np.random.default_rng(3)
     lists = [jnp.asarray(rng.random((count, 4)) * (rng.random((count, 1)) < occupied)) for count in (960, 240, 60)]
-    chosen, which, found = jax.jit(lambda v: cells._compacted(v, 60))(lists)
-    others = jax.jit(lambda v: cells._compacted_at_once(v, 60))(lists)
-    assert int(chosen) == int(others[0]) == [bool(np.count_nonzero(v[:, 0]) <= 60) for v in lists].index(True)
-    np.testing.assert_array_equal(others[2][: len(found)][others[2][:, 0] > 0], found[found[:, 0] > 0])
-    np.testing.assert_array_equal(others[1][others[2][:, 0] > 0], which[found[:, 0] > 0])
-    np.testing.assert_allclose(others[2].sum(0), found.sum(0), rtol=1e-13)
+    together = jax.jit(cells._compacted_at_once)([lists, lists[:2]])
+    for group, others in zip((lists, lists[:2]), together, strict=True):
+        chosen, which, found = jax.jit(cells._compacted)(group)
+        room = len(group[-1])
+        assert int(chosen) == int(others.chosen) == [bool((v[:, 0] > 0).sum() <= room) for v in group].index(True)
+        there = others.sums[:, 0] > 0
+        np.testing.assert_array_equal(others.sums[there], found[found[:, 0] > 0])
+        np.testing.assert_array_equal(others.which[there], which[found[:, 0] > 0])
+        np.testing.assert_allclose(others.sums.sum(0), found.sum(0), rtol=1e-13)  # 0 beyond
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

@@ -21,19 +21,12 @@ def wide() -> bool:
     return jax.default_backend() != "cpu"
 
 
-def sweep(
-    step: Callable[[Any, Any], tuple[Any, Any]], start: PyTree, rows: PyTree, joins: PyTree
-) -> tuple[PyTree, PyTree]:
-    """`jax.lax.scan(step, start, rows)` where each row may begin anew from `start` and the results are joined.
-
-    Args:
-        step, start, rows: as for a scan; `start` changes nothing: 0 for sums, inf for minima.
-        joins: of the structure of `start`, a reduction such as `jnp.sum` for each.
-    """
+def sweep(step: Callable[[Any, Any], tuple[Any, Any]], start: PyTree, rows: PyTree) -> tuple[PyTree, PyTree]:
+    """`jax.lax.scan(step, start, rows)` where `start` is 0, and a step adds its row: all at once or one by one."""
     if not wide():
         return jax.lax.scan(step, start, rows)
     found, kept = jax.vmap(step, (None, 0))(start, rows)
-    return jax.tree.map(lambda join, values: join(values, 0), joins, found), kept
+    return jax.tree.map(lambda values: values.sum(0), found), kept
 
 
 def sweep_points(
@@ -57,8 +50,19 @@ def sweep_points(
 
 
 def sums(terms: Sequence[Float[Array, " N"]]) -> list[Float[Array, ""]]:
-    """The sum of each; on a device of many threads all of them in one kernel."""
-    return list(jnp.stack(terms).sum(1)) if wide() else [values.sum() for values in terms]
+    """The sum of each; on a device of many threads all of them in one kernel, with all that gives the terms."""
+    return _sums_at_once(*terms) if wide() else [values.sum() for values in terms]
+
+
+@jax.custom_jvp
+def _sums_at_once(*terms: Array) -> list[Array]:
+    zero = jnp.zeros((), terms[0].dtype)
+    return list(jax.lax.reduce(terms, (zero,) * len(terms), lambda x, y: jax.tree.map(jnp.add, x, y), (0,)))
+
+
+@_sums_at_once.defjvp
+def _sums_at_once_jvp(primals, tangents):
+    return _sums_at_once(*primals), list(jnp.stack(tangents).sum(1))  # which can be transposed
 
 
 def mapped(function: Callable[[Any], Any], values: PyTree) -> PyTree:

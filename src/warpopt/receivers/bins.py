@@ -186,7 +186,7 @@ def with_moments(
 
     first = jax.tree.map(lambda v: v[0], rows)
     shape = jax.eval_shape(lambda row: receivers_of(row)[2], first)
-    total, *raw = sweep(add, (jnp.zeros(shape.shape, shape.dtype),) * (M + 2), rows, (jnp.sum,) * (M + 2))[0]
+    total, *raw = sweep(add, (jnp.zeros(shape.shape, shape.dtype),) * (M + 2), rows)[0]
     # A receiver at an end may have delta = -eps, so the sums are clamped. (Clamping each receiver costs more than the
     # rest of the sweep.)
     sums = [larger(value.sum(), 0) for value in raw]

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._checks import Numbers, assembled, checked, float_arrays
-from .._numerics import compiled, larger, least_and_largest
+from .._numerics import compiled, larger, largest_of, least_and_largest, least_of
 from .._parallel import sweep, wide
 from .._words import one_of
 from ..objective import Objective
@@ -178,7 +178,7 @@ class DepthBuffer(OneByOne):
             seen, z = self._decoded(value, camera)
             return seen, z, z * (slope_across + slope)
 
-        start, end, near, far, mixed = self._cells(rows, depths)
+        start, end, near, far, nearest, mixed = self._cells(rows, depths)
         bounds = functools.partial(self._bounds, start, end, (across, up), frame)
         if wide():
             nearer, beyond = self._parts(rows, depths, near, far)
@@ -197,7 +197,7 @@ class DepthBuffer(OneByOne):
         footprint = from_groups(groups, camera.near)
         if objective.supremum:
             return footprint
-        unit = jnp.where(footprint.empty, 1, near.min())
+        unit = jnp.where(footprint.empty, 1, nearest)
         weights = normals = known = None
         if not self.weights.uniform:
             weights, by_depth = self.weights.of(*self._decoded(self.depth, camera)[::-1])
@@ -225,28 +225,40 @@ class DepthBuffer(OneByOne):
 
         return with_moments(footprint, (rows, weights), receivers_of, unit, objective)
 
-    def _cells(self, rows, depths) -> tuple[Array, Array, Array, Array, Array]:
+    def _cells(self, rows, depths) -> tuple[Array, Array, Array, Array, Array, Array]:
         """(least and largest Z_w . c of all pixels; least and largest eye depth of each cell, inf and -inf where empty;
-        whether there is a silhouette).
+        the least of all; whether there is a silhouette).
 
-        Only z is reduced by cells, as that costs several times as much as reducing whole rows.
+        On a CPU only z is reduced by cells, as that costs several times as much as reducing whole rows.
         """
-        width = self.depth.shape[1]
+
+        def of_cells(values: Array, seen: Array) -> tuple[Array, Array]:
+            """(least, largest) of each cell of a row."""
+            least, largest = (self._in_cells(jnp.where(seen, values, edge), edge) for edge in (jnp.inf, -jnp.inf))
+            return least_of(least), largest_of(largest)
 
         def row_bounds(found: tuple[Array, Array], row: tuple[Array, Array]):
             seen, z, d = depths(row)
             least = jnp.where(seen & (d < found[0]), d, found[0])
             largest = jnp.where(seen & (d > found[1]), d, found[1])
-            near, far = (self._in_cells(jnp.where(seen, z, edge), edge) for edge in (jnp.inf, -jnp.inf))
-            return (least, largest), (near.min(1), far.max(1))
+            return (least, largest), of_cells(z, seen)
 
-        none = jnp.full(width, jnp.inf, self.depth.dtype)
-        (least, largest), (near, far) = sweep(row_bounds, (none, -none), rows, (jnp.min, jnp.max))
+        def row_by_cells(row: tuple[Array, Array]):
+            seen, z, d = depths(row)
+            return of_cells(d, seen), of_cells(z, seen)
+
+        if wide():  # all cells' extents are one kernel, the columns' would be three
+            (least, largest), (near, far) = jax.vmap(row_by_cells)(rows)
+        else:
+            none = jnp.full(self.depth.shape[1], jnp.inf, self.depth.dtype)
+            (least, largest), (near, far) = jax.lax.scan(row_bounds, (none, -none), rows)
         start, end = least_and_largest(least, largest)
         filled = jnp.isfinite(near)
         # A cell across a silhouette would combine near and far depths into a receiver that does not exist.
-        some, mixed = jnp.stack([filled, filled & (far > _MIXED * near)]).any((1, 2))
-        return jnp.where(some, start, 0), jnp.where(some, end, 0), near, far, mixed
+        across = jnp.where(filled, far - _MIXED * near, -jnp.inf)
+        nearest, widest = least_and_largest(near, across)
+        some = jnp.isfinite(nearest)
+        return jnp.where(some, start, 0), jnp.where(some, end, 0), near, far, nearest, widest > 0
 
     def _parts(self, rows, depths, near: Array, far: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """(near, far) of each cell's pixels before and beyond the geometric mean of its depths."""
@@ -261,7 +273,7 @@ class DepthBuffer(OneByOne):
             nearer = jnp.where(seen & before, z, -jnp.inf).max(1)
             return None, (nearer, jnp.where(seen & ~before, z, jnp.inf).min(1))
 
-        _, (nearer, beyond) = sweep(row_parts, None, (rows, jax.lax.stop_gradient(middle)), None)
+        _, (nearer, beyond) = sweep(row_parts, None, (rows, jax.lax.stop_gradient(middle)))
         # `middle` may round to `near` or `far` where these are almost equal: both parts are non-empty.
         nearer = jnp.where(jnp.isfinite(nearer), nearer, near)
         return (near, jnp.where(there, nearer, -jnp.inf)), (beyond, jnp.where(jnp.isfinite(beyond), far, -jnp.inf))

@@ -174,7 +174,7 @@ def sketch_of_pixels(
         far = jnp.where(seen, z, -jnp.inf).max(0)
         return None, (by_tile(near, jnp.min), by_tile(far, jnp.max))
 
-    _, (near, far) = sweep(ends, None, (z, seen), None)
+    _, (near, far) = sweep(ends, None, (z, seen))
     there = jnp.isfinite(near)
     middle = jnp.sqrt(jnp.where(there, near, 1)) * jnp.sqrt(jnp.where(there, far, 1))
     unit = camera.screen_depth(jnp.where(there.any(), jnp.where(there, near, jnp.inf).min(), 1))
@@ -201,7 +201,7 @@ def sketch_of_pixels(
             found.append((*limits, *sums))
         return None, jax.tree.map(lambda *v: jnp.stack(v), *found)
 
-    _, (near, far, *sums) = sweep(parts, None, (z, seen, middle, padded_up, padded_weights), None)
+    _, (near, far, *sums) = sweep(parts, None, (z, seen, middle, padded_up, padded_weights))
     slopes = jnp.pad(across, pad[1])
     made = None
     if averaged:

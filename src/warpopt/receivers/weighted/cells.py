@@ -6,7 +6,7 @@ in the slope at which the eye sees them, x over the distance from the eye.
 """
 
 import functools
-import math
+import itertools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -180,11 +180,12 @@ def _in_cells(
     grid = _Grid(_edges(_FIRST_CELL * finer, depths, _FINE_BITS - coarser, dtype), offset, widest)
     sides = _finer(old, *widths.T)
     if directed:
-        without = _occupied(sums[:, :, _DIRECTIONS:], ((1, 1, 1), (2, 1, 1)), grid)
-        return without, _occupied(sums[:, :, :_DIRECTIONS], ((1, 1, 1), (2, 2, 2)), grid), sides
-    samples = _occupied(sums, ((1, 1, 1), (2, 2, 1), (4, 4, 1), (8, 4, 1)), grid)
-    corners = _occupied(sums, ((1, 1, 1), (2, 2, 1)), grid).corners
-    return eqx.tree_at(lambda s: s.corners, samples, corners), None, sides
+        without, known = sums[:, :, _DIRECTIONS:], sums[:, :, :_DIRECTIONS]
+        samples, of_known = _occupied([(without, ((1, 1, 1), (2, 1, 1))), (known, ((1, 1, 1), (2, 2, 2)))], grid)
+        return samples, of_known, sides
+    finest = (1, 1, 1), (2, 2, 1)
+    samples, smaller = _occupied([(sums, (*finest, (4, 4, 1), (8, 4, 1))), (sums, finest)], grid)
+    return eqx.tree_at(lambda s: s.corners, samples, smaller.corners), None, sides
 
 
 def _raised_sides(widths: Float[Array, "G 2"], which: Int[Array, " N"], across: Float[Array, " N"]) -> Array:
@@ -203,29 +204,40 @@ class _Grid(NamedTuple):
     widest: Array
 
 
-def _occupied(sums: Float[Array, "D C L 4"], sizes: tuple[tuple[int, int, int], ...], grid: _Grid) -> Samples:
-    """The occupied cells of the first of these sizes of which there are no more than of the last in all.
+class _Occupied(NamedTuple):
+    """Some cells: from which of several lists, which of it, and their sums; sums of 0 beyond the last one."""
+
+    chosen: Int[Array, ""]
+    which: Int[Array, " N"]
+    sums: Float[Array, "N 4"]
+
+
+def _occupied(
+    wanted: list[tuple[Float[Array, "D C L 4"], tuple[tuple[int, int, int], ...]]], grid: _Grid
+) -> list[Samples]:
+    """For each of the wanted, the occupied cells of the first of its sizes of which there are no more than of the last
+    in all.
 
     Args:
-        sums: of the grid's cells.
-        sizes: numbers of depths, slopes and layers that a cell joins.
+        wanted: sums of a grid's cells; sizes, numbers of depths, slopes and layers that a cell joins.
+        grid: the same for all.
     """
-    joined = [_joined(sums, size) for size in sizes]
-    room = math.prod(joined[-1].shape[:3])
-    compacted = _compacted_at_once if wide() else _compacted
-    chosen, which, found = compacted([each.reshape(-1, 4) for each in joined], room)
-    size = tuple(jnp.array(sizes)[chosen])
-    across, layers = jnp.array([each.shape[1:3] for each in joined])[chosen]
-    place = which // (across * layers), which // layers % across, which % layers
-    place = tuple(i * by for i, by in zip(place, size, strict=True))
-    return _of_cells(found, place, sums.shape[:3], grid, size)
+    joined = [[_joined(sums, size) for size in sizes] for sums, sizes in wanted]
+    lists = [[each.reshape(-1, 4) for each in of_one] for of_one in joined]
+    compacted = _compacted_at_once(lists) if wide() else [_compacted(of_one) for of_one in lists]
+    found = []
+    for (sums, sizes), of_one, cells in zip(wanted, joined, compacted, strict=True):
+        size = tuple(jnp.array(sizes)[cells.chosen])
+        across, layers = jnp.array([each.shape[1:3] for each in of_one])[cells.chosen]
+        place = cells.which // (across * layers), cells.which // layers % across, cells.which % layers
+        place = tuple(i * by for i, by in zip(place, size, strict=True))
+        found.append(_of_cells(cells.sums, place, sums.shape[:3], grid, size))
+    return found
 
 
-def _compacted(lists: list[Float[Array, "_ 4"]], room: int) -> tuple[Array, Array, Array]:
-    """(the first of the lists of cells of which at most `room` are occupied, which cells of it those are, their sums).
-
-    The last list has `room` cells, and comes back as it is. Of others indices and sums are 0 beyond the last one.
-    """
+def _compacted(lists: list[Float[Array, "_ 4"]]) -> _Occupied:
+    """Of the first list of which no more cells are occupied than the last one has, those; of the last one all."""
+    room = len(lists[-1])
     there = [each[:, 0] > 0 for each in lists]
     counts = jnp.stack([each.sum() for each in there])
     chosen = jnp.argmax(counts <= room)
@@ -236,28 +248,37 @@ def _compacted(lists: list[Float[Array, "_ 4"]], room: int) -> tuple[Array, Arra
         (which,) = jnp.nonzero(there[k], size=room, fill_value=0)
         return which, jnp.where((jnp.arange(room) < counts[k])[:, None], lists[k][which], 0)
 
-    return chosen, *jax.lax.switch(chosen, [functools.partial(of_list, k) for k in range(len(lists))])
+    return _Occupied(chosen, *jax.lax.switch(chosen, [functools.partial(of_list, k) for k in range(len(lists))]))
 
 
-def _compacted_at_once(lists: list[Float[Array, "_ 4"]], room: int) -> tuple[Array, Array, Array]:
-    """As `_compacted`, of all lists as one: counted once, where each by itself would take a dozen kernels.
-
-    Of the last list too only the occupied cells come back.
-    """
-    lengths = np.array([len(each) for each in lists])
-    ends = np.cumsum(lengths)
-    cells = jnp.concatenate(lists)
+def _compacted_at_once(groups: list[list[Float[Array, "_ 4"]]]) -> list[_Occupied]:
+    """`_compacted` of several groups of lists as one: counted and moved once, where each list would take a dozen
+    kernels. Of a last list too only the occupied cells come back."""
+    cells = jnp.concatenate([each for group in groups for each in group])
     there = cells[:, 0] > 0
     number = jnp.cumsum(there)
-    before = jnp.concatenate([jnp.zeros(1, number.dtype), number[ends[:-1] - 1]])
-    counts = number[ends - 1] - before
-    chosen = jnp.argmax(counts <= room)
-    of_list = np.repeat(np.arange(len(lists)), lengths)
-    own = np.concatenate([np.arange(length, dtype=np.int32) for length in lengths])
-    place = jnp.where(there & (of_list == chosen), number - before[chosen] - 1, room)
-    which = jnp.zeros(room, jnp.int32).at[place].set(own, mode="drop")
-    first = jnp.asarray(ends - lengths)[chosen]
-    return chosen, which, jnp.where((jnp.arange(room) < counts[chosen])[:, None], cells[first + which], 0)
+    rooms = [len(group[-1]) for group in groups]
+    places, choices, end = [], [], 0
+    for group, room, start in zip(groups, rooms, np.cumsum([0, *rooms[:-1]]), strict=True):
+        ends = end + np.cumsum([0, *(len(each) for each in group)])
+        upto = [number[at - 1] if at else 0 for at in ends]
+        counts = [after - before for before, after in itertools.pairwise(upto)]
+        chosen = jnp.asarray(len(group) - 1)
+        for k in reversed(range(len(group))):  # an argmax would be a kernel
+            chosen = jnp.where(counts[k] <= room, k, chosen)
+        for k, (begin, end) in enumerate(itertools.pairwise(ends)):
+            place = start + number[begin:end] - upto[k] - 1
+            places.append(jnp.where(there[begin:end] & (chosen == k), place, sum(rooms)))
+        choices.append((chosen, jnp.stack(counts)[chosen], jnp.asarray(ends)[chosen]))
+    moved = jnp.zeros(sum(rooms), jnp.int32)
+    moved = moved.at[jnp.concatenate(places)].set(jnp.arange(len(cells), dtype=jnp.int32), mode="drop")
+    found = []
+    of_groups = jnp.split(moved, np.cumsum(rooms)[:-1])
+    for room, (chosen, count, first), which in zip(rooms, choices, of_groups, strict=True):
+        filled = jnp.arange(room) < count
+        sums = jnp.where(filled[:, None], cells[which], 0)
+        found.append(_Occupied(chosen, jnp.where(filled, which - first, 0), sums))
+    return found
 
 
 def _joined(sums: Float[Array, "D C L 4"], size: tuple[int, int, int]) -> Float[Array, "d c l 4"]:

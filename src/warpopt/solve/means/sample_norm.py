@@ -108,7 +108,7 @@ class SampleNorm(eqx.Module):
 
     def value(self, u: Float[Array, ""], active: Selection) -> Float[Array, ""]:
         """log of the norm on the smooth piece selected by `active`."""
-        return jnp.log(self._piece(u, active)) / self.order + self.log_scale
+        return self._log(sum((terms.sum() for terms in self._piece(u, active)), start=jnp.zeros_like(u)))
 
     def slope(self, u: Float[Array, ""], active: Selection) -> Float[Array, ""]:
         """d value / du on that piece."""
@@ -116,7 +116,10 @@ class SampleNorm(eqx.Module):
 
     def value_and_slope(self, u: Float[Array, ""], active: Selection) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """Both."""
-        return jax.jvp(lambda v: self.value(v, active), (u,), (jnp.ones_like(u),))
+        terms, changes = jax.jvp(lambda v: self._piece(v, active), (u,), (jnp.ones_like(u),))
+        parts = [sums([own, change]) for own, change in zip(terms, changes, strict=True)]
+        total, change = (sum((part[k] for part in parts), start=jnp.zeros_like(u)) for k in (0, 1))
+        return self._log(total), change / (total * self.order)
 
     def touch(self, eta: Float[Array, ""]) -> Touch:
         """The curve that touches J at eta."""
@@ -132,26 +135,28 @@ class SampleNorm(eqx.Module):
             )  # fmt: skip
             own, rise, lean_rise = backwards(jnp.ones_like(each))
             before = [jnp.where(delta < first, 1 - delta / jnp.where(first > 0, first, 1), 0) for *_, first in sides]
-            concave = nothing
+            terms = [each, own, rise * part.depth.blend(eta), *(rise * share for share in before)]
             if part.normal is not None:
                 c, s = part.normal
                 over_eta = self.along * delta * (c * delta + s * part.lateral * self.pixel_ratio)
-                concave = jnp.where(lean_rise * over_eta < 0, -lean_rise * over_eta, 0)
-            of_part, by_own, by_row, right, left, leaning = sums(
-                [each, own, rise * part.depth.blend(eta), *(rise * share for share in before), concave]
-            )
+                terms.append(jnp.where(lean_rise * over_eta < 0, -lean_rise * over_eta, 0))
+            of_part, by_own, by_row, right, left, *leaning = sums(terms)
             value, by_eta, by_width = value + of_part, by_eta + by_own, by_width + by_row * self.across
             for found, (_, steepness, _) in zip((right, left), sides, strict=True):
                 bend = bend - self.across * steepness * found
-            pole = pole + leaning / (eta * eta)
+            pole = pole + sum(leaning, start=jnp.zeros_like(eta)) / (eta * eta)
         return Touch(value, by_eta + by_width * widening, bend, pole)
 
-    def mean(self, eta: Float[Array, ""]) -> Float[Array, ""]:
-        """J."""
-        return self._mean(eta, self.width(eta))
+    def of_mean(self, mean: Float[Array, ""]) -> Float[Array, ""]:
+        """The norm where J is `mean`."""
+        return mean ** (1 / self.order) * jnp.exp(self.log_scale)
 
-    def _mean(self, eta: Array, width: Array) -> Array:
-        return sum((self._terms(part, eta, width).sum() for part in self.parts), start=jnp.zeros_like(eta))
+    def mean_of(self, value: Float[Array, ""]) -> Float[Array, ""]:
+        """J where the norm is `value`."""
+        return power(value * jnp.exp(-self.log_scale), self.order)
+
+    def _log(self, mean: Array) -> Array:
+        return jnp.log(mean) / self.order + self.log_scale
 
     @property
     def parts(self) -> list[Samples]:
@@ -160,12 +165,18 @@ class SampleNorm(eqx.Module):
         return [self.samples] if directed is None else [self.samples, directed]
 
     def _both_active(self, eta: Array) -> list[tuple[Array, Array, Array]]:
-        """`_active` of the right and of the left; at once, in half as many kernels, where these are what takes time."""
-        both = self.footprint.sides.right, self.footprint.sides.left
+        """`_active` of the right and of the left."""
+        sides = self.footprint.sides
         if not wide():
-            return [self._active(side, eta) for side in both]
-        widest, slopes, first = jax.vmap(self._active, (0, None))(jnp.stack(both), eta)
-        return [(widest[0], slopes[0], first[0]), (widest[1], slopes[1], first[1])]
+            return [self._active(side, eta) for side in (sides.right, sides.left)]
+        # An argmax: one pass over the sides in place of three, each of which is a kernel and more to compute.
+        found = []
+        for side, i in zip((sides.right, sides.left), self._edges(eta), strict=True):
+            depth = sides.depth.at(i)
+            blend = depth.blend(eta)
+            span = picked(side, i) / blend
+            found.append((span, -span * depth.one_minus_delta / blend, depth.delta))
+        return found
 
     def _active(self, side: Array, eta: Array) -> tuple[Array, Array, Array]:
         """(what a side spans, its slope, the delta of a receiver that spans it), without an argmax, which takes longer
@@ -230,14 +241,15 @@ class SampleNorm(eqx.Module):
             return KERNELS[self.kernel](e_p, sigma, e_q)
         return offset_across(lean(e_p, sigma, normal) + leaning, e_q * normal[1])
 
-    def _piece(self, u: Array, active: Selection) -> Array:
+    def _piece(self, u: Array, active: Selection) -> list[Array]:
+        """J's terms, of each part."""
         eta = jnp.exp(u)
         width = self._width(eta, active.right, active.left)
         if self.kernel == "band":
-            return self._mean(eta, width)
+            return [self._terms(part, eta, width) for part in self.parts]
         e_p, sigma, e_q = self._texels(eta, width)
         column = e_p if self.kernel == "max" else e_p * jnp.sqrt(1 + sigma * sigma)
-        return (self.samples.weight * power(jnp.where(active.across, e_q, column), self.order)).sum()
+        return [self.samples.weight * power(jnp.where(active.across, e_q, column), self.order)]
 
 
 def _in_lanes(values: Array) -> Array:

@@ -13,9 +13,11 @@ from .weak_convexity import Minimum, least, longest_interval
 
 
 class SampleOptimum(NamedTuple):
-    """The optimum, a lower bound of the norm over [min_eta, 1], and the search that found both."""
+    """The optimum, the norm there and of no warp, its lower bound over [min_eta, 1], and the search that proves it."""
 
     optimum: Optimum
+    value: Float[Array, ""]
+    unwarped: Float[Array, ""]
     lower: Float[Array, ""]
     search: Minimum
 
@@ -35,9 +37,9 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
 
     noise = 16 * eps
     last = jnp.asarray(-4 * eps**0.5, dtype)
-    lower = jnp.log(jnp.where(found.below > 0, found.below, floor))
-    upper = jnp.where(jnp.isfinite(found.above), jnp.log(jnp.where(jnp.isfinite(found.above), found.above, 1)), last)
-    upper = jnp.where(upper > last, last, upper)
+    start = jnp.log(jnp.where(found.below > 0, found.below, floor))
+    end = jnp.where(jnp.isfinite(found.above), jnp.log(jnp.where(jnp.isfinite(found.above), found.above, 1)), last)
+    end = jnp.where(end > last, last, end)
 
     def placed(slopes: Array) -> tuple[Array, Array]:
         """(whether the norm still falls towards the lower end, whether the minimum is inside)."""
@@ -45,20 +47,25 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
         unbounded = (found.below == 0) & ~(found.slope < 0) & ~no_warp
         return unbounded, ~no_warp & ~unbounded
 
-    middle = jnp.clip(jnp.log(found.eta), lower, upper)
+    middle = jnp.clip(jnp.log(found.eta), start, end)
     root, _, slopes = zero_of_slope(
-        fixed, last[None], lambda found: placed(found)[1], middle, lower, upper, noise, longest_interval(dtype)
+        fixed, last[None], lambda found: placed(found)[1], middle, start, end, noise, longest_interval(dtype)
     )
     margin, (unbounded, inside) = slopes[0], placed(slopes)
     u, outcome, residual = settled(norm, root, eps)
+    node = jnp.where(unbounded, jnp.log(floor), jnp.log(found.eta))
+    # In one map: the norm is compiled once.
+    values = jax.vmap(lambda u: value_at(norm, u))(jnp.stack([u, node, jnp.zeros_like(u)]))
     # Between its neighbours the best node may have a local minimum on either side of it: the node, which is within the
     # tolerance of the global minimum, is kept if the one that the root finder came to is the worse.
-    node, positive = jnp.log(found.eta), jnp.where(found.value > 0, found.value, 1)
-    best = positive ** (1 / norm.order) * jnp.exp(fixed.log_scale)
-    better = value_at(fixed, jax.lax.stop_gradient(u)) <= best * (1 + noise)
+    positive = jnp.where(found.value > 0, found.value, 1)
+    better = values[0] <= fixed.of_mean(positive) * (1 + noise)
     outcome = jnp.where(better, outcome, Outcome.stationary)
     residual = jnp.where(better, residual, jnp.abs(found.slope * found.eta / positive) / norm.order)
-    u = jnp.where(inside, jnp.where(better, u, node), jnp.where(unbounded, jnp.log(floor), 0))
+    u, value = (
+        jnp.where(inside & better, own, jnp.where(inside | unbounded, other, none))
+        for own, other, none in ((u, node, 0), values)
+    )
     outcome = jnp.where(inside, outcome, jnp.where(unbounded, Outcome.unbounded, Outcome.no_warp))
     least_sum = found.bounds.min()
     # Curves without numbers, whose squares of eta underflow, prove nothing, and the search may have missed anything.
@@ -66,5 +73,5 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
     outcome = jnp.where(fixed.footprint.flat, Outcome.flat, outcome)
     outcome = jnp.where(fixed.footprint.empty, Outcome.empty, outcome).astype(jnp.int32)
     residual, margin = jnp.where(inside, residual, 0), jnp.where(nothing, 0, margin)
-    bound = jnp.where(least_sum > 0, least_sum, 0) ** (1 / norm.order) * jnp.exp(fixed.log_scale)
-    return SampleOptimum(Optimum(u, outcome, residual, margin), bound, found)
+    lower = fixed.of_mean(jnp.where(least_sum > 0, least_sum, 0))
+    return SampleOptimum(Optimum(u, outcome, residual, margin), value, values[2], lower, found)
