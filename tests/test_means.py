@@ -538,7 +538,7 @@ def test_the_fallback_keeps_to_the_light():
         weights, by_depth = Weights(np.zeros(3), lit, (3,)).of(z, jnp.array([True, True, False]))
         np.testing.assert_array_equal(weights, expected)
         assert by_depth
-        assert not Weights(np.zeros(3), lit, (3,)).of(z, nothing)[1]
+        assert not Weights(np.zeros(3), lit, (3,)).of(z, nothing)[0].any()
 
 
 def _by_depth(kind):

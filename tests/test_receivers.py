@@ -364,7 +364,10 @@ def test_a_depth_buffer_of_sky_alone_is_empty():
     """In every objective and encoding that the tests above have compiled: moments, groups, and the extent alone."""
     size = image()[0].shape
     linear, standard = DepthBuffer(np.zeros(size)), DepthBuffer(np.ones(size), "standard")
-    cases = ((linear, "p", "l2"), (linear, "pxq", "inf"), (linear, "q", "l2"), (standard, "p", "l2"))
+    weighed = DepthBuffer(np.zeros(size), weights="depth")
+    cases = (
+        (linear, "p", "l2"), (linear, "pxq", "inf"), (linear, "q", "l2"), (standard, "p", "l2"), (weighed, "p", "l2")
+    )  # fmt: skip
     for sky, metric, norm in cases:
         solution = optimal_warp(SceneView(CAMERA, LIGHT, sky), Objective(metric, norm))
         assert Outcome(int(solution.result)) == Outcome.empty

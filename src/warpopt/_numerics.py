@@ -62,14 +62,23 @@ def largest_of(values: Float[Array, "*B N"]) -> Float[Array, "*B"]:
     return -least_of(-values)
 
 
-def least_and_largest(
-    least: Float[Array, "..."], largest: Float[Array, "..."]
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """The least of one array and the largest of another of its size, by one reduction.
+def least_of_each(*arrays: Float[Array, "..."]) -> list[Float[Array, ""]]:
+    """The least of each array; of those of one size by one reduction.
 
     A kernel for each would take longer to compile, and on a device of many threads to start, than it runs.
     """
-    low, high = least_of(jnp.stack([least.ravel(), -largest.ravel()]))
+    found = {}
+    for size in dict.fromkeys(values.size for values in arrays):
+        which = [i for i, values in enumerate(arrays) if values.size == size]
+        found |= zip(which, least_of(jnp.stack([arrays[i].ravel() for i in which])), strict=True)
+    return [found[i] for i in range(len(arrays))]
+
+
+def least_and_largest(
+    least: Float[Array, "..."], largest: Float[Array, "..."]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """The least of one array and the largest of another; see `least_of_each`."""
+    low, high = least_of_each(least, -largest)
     return low, -high
 
 

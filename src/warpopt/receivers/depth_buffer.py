@@ -1,7 +1,7 @@
 """A depth buffer as receivers."""
 
 import functools
-from typing import Any, ClassVar, Literal, get_args
+from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 import equinox as eqx
 import jax
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._checks import Numbers, assembled, checked, float_arrays
-from .._numerics import compiled, larger, largest_of, least_and_largest, least_of
+from .._numerics import compiled, larger, largest_of, least_of, least_of_each
 from .._parallel import sweep, wide
 from .._words import one_of
 from ..objective import Objective
@@ -178,13 +178,14 @@ class DepthBuffer(OneByOne):
             seen, z = self._decoded(value, camera)
             return seen, z, z * (slope_across + slope)
 
-        start, end, near, far, nearest, mixed = self._cells(rows, depths)
+        cells = self._cells(rows, depths)
+        start, end, near, far = cells.start, cells.end, cells.near, cells.far
         bounds = functools.partial(self._bounds, start, end, (across, up), frame)
         if wide():
             nearer, beyond = self._parts(rows, depths, near, far)
             parts = zip((near, far), (jnp.inf, -jnp.inf), nearer, beyond, strict=True)
             halves = [
-                jnp.where(mixed, jnp.stack([a, b]), jnp.stack([v, jnp.full_like(v, no)])) for v, no, a, b in parts
+                jnp.where(cells.mixed, jnp.stack([a, b]), jnp.stack([v, jnp.full_like(v, no)])) for v, no, a, b in parts
             ]
             groups = bounds(*halves)
         else:
@@ -193,14 +194,15 @@ class DepthBuffer(OneByOne):
                 nearer, beyond = self._parts(rows, depths, near, far)
                 return _union(bounds(*nearer), bounds(*beyond))
 
-            groups = jax.lax.cond(mixed, split, lambda groups: groups, bounds(near, far))
+            groups = jax.lax.cond(cells.mixed, split, lambda groups: groups, bounds(near, far))
         footprint = from_groups(groups, camera.near)
         if objective.supremum:
             return footprint
-        unit = jnp.where(footprint.empty, 1, nearest)
+        unit = jnp.where(footprint.empty, 1, cells.nearest)
         weights = normals = known = None
         if not self.weights.uniform:
-            weights, by_depth = self.weights.of(*self._decoded(self.depth, camera)[::-1])
+            seen, z = self._decoded(self.depth, camera)
+            weights, by_depth = self.weights.of(z, seen, cells.farthest)
             footprint = footprint.weighted_by_depth(by_depth)
             normals, known = self.weights.normals_for(objective.kernel), jnp.where(by_depth, 0, 1)
 
@@ -225,9 +227,8 @@ class DepthBuffer(OneByOne):
 
         return with_moments(footprint, (rows, weights), receivers_of, unit, objective)
 
-    def _cells(self, rows, depths) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """(least and largest Z_w . c of all pixels; least and largest eye depth of each cell, inf and -inf where empty;
-        the least of all; whether there is a silhouette).
+    def _cells(self, rows, depths) -> "_Cells":
+        """The cells, in one pass.
 
         On a CPU only z is reduced by cells, as that costs several times as much as reducing whole rows.
         """
@@ -252,13 +253,12 @@ class DepthBuffer(OneByOne):
         else:
             none = jnp.full(self.depth.shape[1], jnp.inf, self.depth.dtype)
             (least, largest), (near, far) = jax.lax.scan(row_bounds, (none, -none), rows)
-        start, end = least_and_largest(least, largest)
         filled = jnp.isfinite(near)
         # A cell across a silhouette would combine near and far depths into a receiver that does not exist.
         across = jnp.where(filled, far - _MIXED * near, -jnp.inf)
-        nearest, widest = least_and_largest(near, across)
-        some = jnp.isfinite(nearest)
-        return jnp.where(some, start, 0), jnp.where(some, end, 0), near, far, nearest, widest > 0
+        start, end, nearest, farthest, widest = least_of_each(least, -largest, near, -far, -across)
+        start, end = jnp.where(jnp.isfinite(nearest), jnp.stack([start, -end]), 0)
+        return _Cells(start, end, near, far, nearest, -farthest, widest < 0)
 
     def _parts(self, rows, depths, near: Array, far: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """(near, far) of each cell's pixels before and beyond the geometric mean of its depths."""
@@ -311,6 +311,19 @@ class DepthBuffer(OneByOne):
         cells = Groups(d_least, d_largest, x_least, x_largest, h_least, h_largest, nearest, (x_low, x_high))
         share = (d_least - start) / jnp.where(end > start, end - start, 1)
         return merged(there, cells, bin_of(jnp.where(there, share, 0)), BINS)
+
+
+class _Cells(NamedTuple):
+    """Least and largest Z_w . c of all pixels, 0 if there are none; least and largest eye depth of each cell and of
+    all, inf and -inf where empty; whether there is a silhouette."""
+
+    start: Float[Array, ""]
+    end: Float[Array, ""]
+    near: Float[Array, "H C"]
+    far: Float[Array, "H C"]
+    nearest: Float[Array, ""]
+    farthest: Float[Array, ""]
+    mixed: Bool[Array, ""]
 
 
 def _union(one: Groups, other: Groups) -> Groups:

@@ -128,21 +128,24 @@ def _mean_distance_jvp(primals, tangents):
 
 def _with_gradient(p: Array, s: Array, q: Array) -> tuple[Array, tuple[Array, Array, Array]]:
     """(the mean distance, its derivatives by p, s and q): (T53)."""
-    # All are homogeneous in the lengths: what they are divided by needs no derivative.
-    scale = jax.lax.stop_gradient(larger(larger(p, s), q))
-    p, s, q = (v / _positive(scale) for v in (p, s, q))
+    # All are homogeneous in the lengths: what they are multiplied by needs no derivative. Its inverse stays in range.
+    numbers = jnp.finfo(p.dtype)
+    scale = jax.lax.stop_gradient(jnp.clip(larger(larger(p, s), q), 4 * numbers.tiny, 0.25 / numbers.tiny))
+    p, s, q = (v * (1 / scale) for v in (p, s, q))
     longer, shorter = _length(p, s + q), _length(p, s - q)  # the diagonals
     half = (longer + shorter) / 2
     # half - max(s, q), half - s and half - q: differences of large numbers where p is small.
-    rest = p * p * (1 / _positive(longer + s + q) + 1 / _positive(shorter + jnp.abs(s - q))) / 2
+    outer, inner = longer + s + q, shorter + jnp.abs(s - q)
+    rest = p * p * (outer + inner) / _positive(2 * outer * inner)
     over_s, over_q = (rest + jnp.where(change > 0, change, 0) for change in (q - s, s - q))
     unit = 1 / _positive(half)
     P, S, Q = p * unit, s * unit, q * unit
-    side, square = _length(P, S), P * P + S * S
     PP, SS, QQ = P * P, S * S, Q * Q
-    of_side = _atanh_rest(side, square, QQ * (over_s * unit) * (1 + S))
-    of_row = _atanh_rest(Q, QQ, (over_q * unit) * (1 + Q))
-    towards, across = (QQ * part / _positive(square) for part in (SS, PP))
+    side, square = _length(P, S), PP + SS
+    inverse = 1 / _positive(square)
+    of_side = _atanh_rest(side, square, inverse, QQ * (over_s * unit) * (1 + S))
+    of_row = _atanh_rest(Q, QQ, 1 / _positive(QQ), (over_q * unit) * (1 + Q))
+    towards, across = QQ * SS * inverse, QQ * PP * inverse
     value = half * (3 + SS * QQ + PP * QQ * (of_side + of_row))
     by_p = P * (3 - towards + (2 * towards - across) * of_side + 2 * QQ * of_row)
     by_s = S * (3 - towards - 3 * across * of_side)
@@ -150,14 +153,16 @@ def _with_gradient(p: Array, s: Array, q: Array) -> tuple[Array, tuple[Array, Ar
     return scale * value / 12, (by_p / 12, by_s / 12, by_q / 12)
 
 
-def _atanh_rest(t: Array, square: Array, rest: Array) -> Array:
-    """(atanh(t) / t - 1) / t^2 for 0 <= t <= 1, from t, t^2 and 1 - t^2; what it is multiplied by is 0 at 1."""
+def _atanh_rest(t: Array, square: Array, inverse: Array, rest: Array) -> Array:
+    """(atanh(t) / t - 1) / t^2 for 0 <= t <= 1, from t, t^2, its inverse and 1 - t^2; where it diverges, at 1, what it
+    is multiplied by is 0."""
     numbers = jnp.finfo(t.dtype)
     near, terms = 0.0625, math.ceil(math.log(float(numbers.eps)) / math.log(0.0625))
     series = horner([1 / (2 * k + 3) for k in reversed(range(terms))], jnp.where(square < near, square, 0))
-    large, big = (jnp.where(square < near, 0.25, v) for v in (t, square))
+    large, inverse = (jnp.where(square < near, 1, v) for v in (t, inverse))
     away = jnp.where(rest > 16 * numbers.tiny, rest, 16 * numbers.tiny)
-    return jnp.where(square < near, series, (jnp.log(over((1 + large) ** 2, away)) / (2 * large) - 1) / big)
+    direct = (jnp.log(over((1 + large) * (1 + large), away)) * (0.5 * large * inverse) - 1) * inverse
+    return jnp.where(square < near, series, direct)
 
 
 def _length(x: Array, y: Array) -> Array:

@@ -109,23 +109,29 @@ class Weights(eqx.Module):
     def uniform(self) -> bool:
         return self.values is None and self.lit is None and not self.by_depth
 
-    def of(self, z: Float[Array, "..."], seen: Bool[Array, "..."]) -> tuple[Float[Array, "..."], Bool[Array, ""]]:
-        """(weights, 0 for what is not seen; whether they would all be 0, so that they are z instead).
+    def of(
+        self, z: Float[Array, "..."], seen: Bool[Array, "..."], farthest: Float[Array, ""] | None = None
+    ) -> tuple[Float[Array, "..."], Bool[Array, ""]]:
+        """(weights, 0 for what is not seen; whether they would all be 0, as if nothing is seen, so that they are z).
 
         Args:
             z: eye depths; anything finite for what is not seen.
             seen: which receivers are visible.
+            farthest: the largest depth of these, if it is known; at most 0 if there are none.
         """
         counted = seen if self.lit is None else seen & self.lit
         base = z if self.by_depth else jnp.ones_like(z) if self.values is None else self.values.astype(z.dtype)
         # Only their ratios matter: products and powers stay in range for weights of any size.
-        largest = jax.lax.stop_gradient(jnp.where(counted, base, 0).max())
+        if farthest is not None and self.by_depth and self.lit is None:
+            largest = jax.lax.stop_gradient(jnp.where(farthest > 0, farthest, 0))
+        else:
+            largest = jax.lax.stop_gradient(jnp.where(counted, base, 0).max())
         # Near the end of the range the reciprocal that XLA multiplies by would be below the normal numbers, hence 0.
         fit = jnp.where(largest > 1, 1 / 16, 1).astype(z.dtype)
         weights = jnp.where(counted, base * fit, 0) / jnp.where(largest > 0, largest * fit, 1)
         none = largest <= 0
         instead = seen if self.lit is None else jnp.where(counted.any(), counted, seen)
-        return jnp.where(none, jnp.where(instead, z, 0), weights), none & seen.any()
+        return jnp.where(none, jnp.where(instead, z, 0), weights), none
 
     def normals_for(self, kernel: str | None) -> tuple[Float[Array, "..."], Float[Array, "..."]] | None:
         """The normals' components for a kernel that depends on them; None for all but "band", and if there are none."""

@@ -134,7 +134,9 @@ class SampleNorm(eqx.Module):
                 jnp.broadcast_to(eta, delta.shape), nothing, nothing,
             )  # fmt: skip
             own, rise, lean_rise = backwards(jnp.ones_like(each))
-            before = [jnp.where(delta < first, 1 - delta / jnp.where(first > 0, first, 1), 0) for *_, first in sides]
+            before = [
+                jnp.where(delta < first, 1 - delta * (1 / jnp.where(first > 0, first, 1)), 0) for *_, first in sides
+            ]
             terms = [each, own, rise * part.depth.blend(eta), *(rise * share for share in before)]
             if part.normal is not None:
                 c, s = part.normal
@@ -217,7 +219,7 @@ class SampleNorm(eqx.Module):
         """(E_p, sigma, E_q) at `footprint.unit` (T51)."""
         blend = depth.blend(eta)
         sigma = lateral * ((1 - eta) * self.pixel_ratio) / blend
-        return self.along * blend * blend / eta, sigma, self.across * width * blend
+        return (self.along / eta) * blend * blend, sigma, (self.across * width) * blend
 
     def _texels(self, eta: Array, width: Array) -> tuple[Array, Array, Array]:
         return self.errors(self.samples.depth, self.samples.lateral, eta, width)
