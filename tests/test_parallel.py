@@ -18,6 +18,7 @@ from warpopt.solve.frusta import Method, solve_frusta
 from warpopt.solve.means.sample_norm import Touch
 from warpopt.solve.means.weak_convexity import least, longest_interval
 from warpopt.solve.scene import solve_scene
+from warpopt.solve.scene_norm import log_norm_of
 
 CAMERA = Camera((0, 2, 0), (0, 0, -1), (0, 1, 0), near=0.1, far=500.0, half_fov=0.4, aspect=1.6)
 LIGHTS = jnp.array([(0.3, -1.0, -0.5), (0.0, -0.7, -0.7), (0.5, -0.6, -1.0), (0.3, -1.0, -0.5)])
@@ -162,6 +163,28 @@ def test_the_root_finder_s_bracket_is_as_long_as_promised(dtype, wide):
     assert brackets.max() > longest / 3  # it is no idle promise
     blurred = 8 * float(np.finfo(dtype).eps) ** 0.5  # nodes this close to the minimum have its value
     assert ((below <= at * (1 + blurred)) & (at <= above * (1 + blurred))).all()
+
+
+def test_a_mean_has_the_same_curves_and_slopes(wide):
+    """Of many pixels with posts that tie for the width; slopes also by reverse mode, which not every sum has."""
+    view = SceneView(CAMERA, DirectionalLight(LIGHTS[0]), DepthBuffer(depths()[0], weights="depth"))
+    objective = Objective("edge", "l2")
+    norm = log_norm_of(view.footprint(objective), view.frame(), objective)
+
+    def of_all(norm, logs):
+        @jax.vmap
+        def at(u):
+            active = norm.active(u)
+            slope = jax.value_and_grad(lambda u: norm.value_and_slope(u, active)[1])
+            return norm.touch(jnp.exp(u)), norm.value_and_slope(u, active), slope(u)
+
+        return at(logs)
+
+    logs = jnp.linspace(-6, -0.01, 20)
+    one = jax.jit(lambda *v: of_all(*v))(norm, logs)
+    wide()
+    many = jax.jit(lambda *v: of_all(*v))(norm, logs)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-11, atol=1e-13), one, many)  # sums reorder
 
 
 @pytest.mark.thorough
