@@ -70,22 +70,16 @@ def least(
     nodes = jnp.full(room, jnp.inf, dtype)
     found = Touch(*(jnp.zeros(room, dtype) for _ in Touch._fields))
 
-    def bounds(nodes: Array, found: Touch) -> tuple[Array, Array]:
-        """(each interval's lower bound, where it is attained); inf beyond the last node."""
-        left, right = (jax.tree.map(lambda v, at=at: v[at], found) for at in (slice(None, -1), slice(1, None)))
-        return _bounds(nodes[:-1], nodes[1:], left, right)
-
-    def best(nodes: Array, found: Touch) -> Array:
-        return jnp.where(jnp.isfinite(nodes), found.value, jnp.inf).min()
+    def values_of(nodes: Array, found: Touch) -> Array:
+        return jnp.where(jnp.isfinite(nodes), found.value, jnp.inf)
 
     def unproved(state) -> Array:
-        nodes, found, step = state
-        proved = bounds(nodes, found)[0].min() >= best(nodes, found) * (1 - tolerance)
+        nodes, found, lower, _, step = state
+        proved = lower.min() >= values_of(nodes, found).min() * (1 - tolerance)
         return (step < begin) | (~proved & (step < begin + _STEPS))
 
     def refined(state):
-        nodes, found, step = state
-        lower, meeting = bounds(nodes, found)
+        nodes, found, lower, meeting, step = state
         _, worst = jax.lax.top_k(-lower, _TOGETHER)
         given = jax.lax.dynamic_slice(first, (jnp.minimum(step, begin - 1) * _TOGETHER,), (_TOGETHER,))
         new = jnp.where(step < begin, given, jnp.where(jnp.isfinite(lower[worst]), meeting[worst], jnp.inf))
@@ -94,14 +88,18 @@ def least(
         nodes = nodes.at[place].set(new)
         found = jax.tree.map(lambda all_of, some: all_of.at[place].set(some), found, values)
         order = jnp.argsort(nodes)
-        return nodes[order], jax.tree.map(lambda v: v[order], found), step + 1
+        nodes, found = nodes[order], jax.tree.map(lambda v: v[order], found)
+        left, right = (jax.tree.map(lambda v, at=at: v[at], found) for at in (slice(None, -1), slice(1, None)))
+        return nodes, found, *_bounds(nodes[:-1], nodes[1:], left, right), step + 1
 
-    nodes, found, _ = jax.lax.while_loop(unproved, refined, (nodes, found, jnp.zeros((), jnp.int32)))
-    values = jnp.where(jnp.isfinite(nodes), found.value, jnp.inf)
+    none = jnp.full(room - 1, jnp.inf, dtype)  # bounds and where they are attained, of no intervals
+    state = nodes, found, none, none, jnp.zeros((), jnp.int32)
+    nodes, found, lower, _, _ = jax.lax.while_loop(unproved, refined, state)
+    values = values_of(nodes, found)
     i = jnp.argmin(values)
     below = jnp.where(i > 0, nodes[i - 1], 0)
     above = nodes[jnp.minimum(i + 1, room - 1)]
-    return Minimum(nodes[i], values[i], found.slope[i], below, above, nodes[:-1], nodes[1:], bounds(nodes, found)[0])
+    return Minimum(nodes[i], values[i], found.slope[i], below, above, nodes[:-1], nodes[1:], lower)
 
 
 def _bounds(start: Array, end: Array, left: Touch, right: Touch) -> tuple[Array, Array]:
