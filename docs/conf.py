@@ -97,7 +97,7 @@ def mathml(display: str, tag: str):
     def visit(writer, node) -> None:
         writer.body.append(writer.starttag(node, tag, "", CLASS="math"))
         formula = convert(node.astext().strip(), display=display)
-        if "\\" in formula:
+        if "\\" in formula or "<mi>&<" in formula:  # a command or an environment that is not drawn
             logging.getLogger(__name__).warning("not known to latex2mathml: %s", node.astext())
         writer.body.append(f"{formula}</{tag}>")
         raise nodes.SkipNode
