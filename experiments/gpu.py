@@ -10,6 +10,7 @@ a kernel takes to copy as many bytes as go in and out, measured in the same run.
 
 import argparse
 import contextlib
+import functools
 import gzip
 import json
 import os
@@ -115,18 +116,18 @@ def bandwidth(count: int, calls: int) -> float:
     return 8 * count / queued(jax.jit(lambda v: v + 1), values, calls=calls)
 
 
-def batches(count: int, objectives: list, calls: int, rate: float) -> list[dict]:
-    """Frusta that all differ."""
+def frusta(count: int) -> warpopt.FrustumView:
+    """That all differ."""
     ratio = jnp.geomspace(2, 1000, count, dtype=jnp.float32)
     frustum = warpopt.ViewFrustum(jnp.ones(count, jnp.float32), ratio, jnp.linspace(0.3, 0.7, count, dtype=jnp.float32))
-    view = warpopt.FrustumView(frustum, jnp.linspace(1.5, 0.1, count, dtype=jnp.float32))
-    jax.block_until_ready(view)
+    return warpopt.FrustumView(frustum, jnp.linspace(1.5, 0.1, count, dtype=jnp.float32))
+
+
+def batches(count: int, objectives: list, calls: int, rate: float) -> list[dict]:
+    view = jax.block_until_ready(frusta(count))
     rows = []
     for objective in objectives:
-
-        def plain(view, objective=objective):
-            return warpopt.optimal_warp(view, objective, throw=False)
-
+        plain = functools.partial(warpopt.optimal_warp, objective=objective, throw=False)
         compiled = jax.jit(plain)
         memory = compiled.lower(view).compile().memory_analysis()
         moved = memory.argument_size_in_bytes + memory.output_size_in_bytes
@@ -273,11 +274,11 @@ def main(words: list[str] | None = None) -> None:
     if asked.etas:
         print(json.dumps(etas(sizes, objectives)))
         return
-    frusta = BATCH[::3] if asked.short else BATCH
+    of_batch = BATCH[::3] if asked.short else BATCH
     start = time.perf_counter()
     rate, count = bandwidth(2**14 if asked.short else 2**28, calls), 2**10 if asked.short else 2**24
     summary = provenance() | {
-        "driver": driver(), "copies, GB/s": rate / 1e9, "batches": batches(count, frusta, calls, rate),
+        "driver": driver(), "copies, GB/s": rate / 1e9, "batches": batches(count, of_batch, calls, rate),
         "buffers": buffers(sizes, objectives, calls, asked.short),
         "animation": animation(*sizes[0], 3 if asked.short else 1000),
     }  # fmt: skip

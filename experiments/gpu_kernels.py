@@ -1,17 +1,21 @@
-"""How many kernels a depth buffer's warp takes on a GPU, counted on a machine that has none.
+"""What XLA makes of a call for a GPU, counted on a machine that has none: the kernels of a depth buffer's warp, and the
+bytes that kernels of a batch read and write.
 
     pip install --no-deps jax-cuda13-pjrt==0.10.1 jax-cuda13-plugin==0.10.1    # JAX's own version
     python experiments/gpu_kernels.py --page docs/performance.md
 
 XLA compiles for a GPU from its description alone. Times need the GPU (`gpu.py`), but most of a small program's is that
-of launching its kernels. `--short` is a slice for tests.
+of launching its kernels, and a batch's cannot be less than its bytes take. `--short` is a slice for tests.
 """
 
 import argparse
+import functools
 import json
+import math
 import os
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from unittest import mock
 
@@ -19,9 +23,10 @@ os.environ.setdefault("JAX_SKIP_CUDA_CONSTRAINTS_CHECK", "1")  # of libraries th
 
 import jax
 import numpy as np
-from gpu import PER_PIXEL, needed, still
+from gpu import BATCH, PER_PIXEL, frusta, needed, still
 from jax.experimental import topologies
 from jax.sharding import SingleDeviceSharding
+from jaxtyping import PyTree
 from provenance import markdown_table, provenance, sentence, write_section
 
 import warpopt
@@ -57,13 +62,12 @@ def card() -> SingleDeviceSharding:
     )
 
 
-def program_of(objective: warpopt.Objective, height: int, width: int, place: SingleDeviceSharding) -> str:
-    """The optimised program of one buffer's warp."""
-    view = still(height, width, objective)
-    shapes = jax.tree.map(lambda v: jax.ShapeDtypeStruct(np.shape(v), np.asarray(v).dtype, sharding=place), view)
+def compiled_for(place: SingleDeviceSharding, call: Callable, argument: PyTree) -> jax.stages.Compiled:
+    """A call compiled for the card, from the shapes of its argument."""
+    shapes = jax.tree.map(lambda v: jax.ShapeDtypeStruct(np.shape(v), np.asarray(v).dtype, sharding=place), argument)
     with mock.patch("jax.default_backend", return_value="gpu"):
-        lowered = needed(objective).lower(shapes)
-    return lowered.compile({"xla_gpu_autotune_level": "0"}).as_text()
+        lowered = jax.jit(call).lower(shapes)
+    return lowered.compile({"xla_gpu_autotune_level": "0"})
 
 
 def kernels_of(program: str) -> int:
@@ -80,6 +84,29 @@ def kernels_of(program: str) -> int:
     return sum(kind not in _NO_KERNEL and not kind.endswith("-done") for kind in kinds)
 
 
+def bytes_of(program: str) -> float:
+    """What the kernels of a batch read and write for each problem.
+
+    They are those of the loop over its pieces, if there is one, which carries arrays of all pieces; a kernel reads or
+    writes one piece of these.
+    """
+    computations = re.findall(r"^(?:ENTRY )?%(?!fused).*? {$(.*?)^}", program, re.M | re.S)
+    body = max(computations, key=lambda text: text.count(" fusion("))
+    sizes, total, problems = {}, 0, 1
+    for line in body.splitlines():
+        if found := re.match(r"\s+(?:ROOT )?%(\S+) = (.+?) ([a-z][a-z\-]*)\((.*?)\)", line):
+            name, shapes, kind, operands = found.groups()
+            carried = "dynamic_update_slice" in name or operands.startswith("%arg_tuple")
+            sizes[name] = 0
+            for dtype, lengths in re.findall(r"([a-z]+\d*)\[([\d,]*)\]", shapes):
+                lengths = [int(n) for n in lengths.split(",") if n][carried:]
+                sizes[name] += (1 if dtype == "pred" else 4) * math.prod(lengths)
+                problems = max([problems, *lengths])
+            if kind not in _NO_KERNEL:
+                total += sizes[name] + sum(sizes.get(operand, 0) for operand in re.findall(r"%([\w.\-]+)", operands))
+    return total / problems
+
+
 def main(words: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--directory", type=Path, default=Path("runs/gpu_kernels"))
@@ -92,15 +119,29 @@ def main(words: list[str] | None = None) -> int:
     except (NotImplementedError, RuntimeError) as error:
         print(f"Nothing is counted: JAX {jax.__version__} cannot compile for an H100 here: {error}", file=sys.stderr)
         return 1
-    rows = [
-        [f"{width} x {height}", o.title, kernels_of(program_of(o, height, width, place))]
-        for height, width in sizes
-        for o in (PER_PIXEL[:1] if asked.short else PER_PIXEL)
-    ]
+    rows = []
+    for height, width in sizes:
+        for o in PER_PIXEL[:1] if asked.short else PER_PIXEL:
+            program = compiled_for(place, needed(o), still(height, width, o)).as_text()
+            rows.append([f"{width} x {height}", o.title, kernels_of(program)])
+    batches, view = [], frusta(2**10 if asked.short else 2**24)
+    for o in BATCH[::3] if asked.short else BATCH:
+        compiled = compiled_for(place, functools.partial(warpopt.optimal_warp, objective=o, throw=False), view)
+        memory = compiled.memory_analysis()
+        least = (memory.argument_size_in_bytes + memory.output_size_in_bytes) / len(view.theta)
+        batches.append([o.title, bytes_of(compiled.as_text()), least])
     asked.directory.mkdir(parents=True, exist_ok=True)
     summary = provenance()
-    (asked.directory / "kernels.json").write_text(json.dumps(summary | {"kernels": rows}, indent=1) + "\n")
-    text = f"{markdown_table(['pixels', 'objective', 'kernels'], rows)}\n\nFor an H100; {sentence(summary)}."
+    (asked.directory / "kernels.json").write_text(
+        json.dumps(summary | {"kernels": rows, "batches": batches}, indent=1) + "\n"
+    )
+    text = "\n\n".join(
+        [
+            markdown_table(["pixels", "objective", "kernels"], rows), f"{len(view.theta)} frusta:",
+            markdown_table(["objective", "bytes a problem", "of these inputs and outputs"], batches),
+            f"For an H100; {sentence(summary)}.",
+        ]
+    )  # fmt: skip
     print(text)
     if asked.page:
         write_section(asked.page, "gpu kernels", text)

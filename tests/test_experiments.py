@@ -398,15 +398,39 @@ ENTRY %main.4 (x: f32[3]) -> (f32[3], f32[]) {
 """
 
 
+BATCH = """HloModule jit_solve
+
+%fused_add (a: f32[2,3], b: f32[3]) -> (f32[3], pred[3]) {
+  %a = f32[2,3]{1,0} parameter(0)
+}
+
+%region_0.1 (arg_tuple.1: (s32[], f32[2,3], f32[2,3])) -> (s32[], f32[2,3], f32[2,3]) {
+  %arg_tuple.1 = (s32[], f32[2,3]{1,0}, /*index=2*/f32[2,3]{1,0}) parameter(0)
+  %get-tuple-element.1 = f32[2,3]{1,0} get-tuple-element(%arg_tuple.1), index=1
+  %get-tuple-element.2 = f32[2,3]{1,0} get-tuple-element(%arg_tuple.1), index=2
+  %made = f32[2,3]{1,0} constant({...})
+  %loop_add_fusion = (f32[3]{0}, pred[3]{0}) fusion(%get-tuple-element.1, %made), kind=kLoop, calls=%fused_add
+  %get-tuple-element.3 = f32[3]{0} get-tuple-element(%loop_add_fusion), index=0
+  %loop_dynamic_update_slice_fusion = f32[2,3]{1,0} fusion(%get-tuple-element.3), kind=kLoop, calls=%fused_put
+  ROOT %tuple.1 = (f32[2,3]{1,0}) tuple(%loop_dynamic_update_slice_fusion)
+}
+"""
+
+
 def test_kernels_are_counted_or_it_is_said_why_not(script, capsys, tmp_path):
     """By hand. JAX's plugin for GPUs is no dependency of the tests."""
     counted = script("gpu_kernels")
     assert counted.kernels_of(PROGRAM) == 3
     with pytest.raises(ValueError, match="got while in its entry"):
         counted.kernels_of(PROGRAM.replace("copy(", "while("))
+    # Of 6 problems in 2 pieces: a sum reads 12 bytes and writes 4 and 1 of each, and 4 are put into their place.
+    assert counted.bytes_of(BATCH) == 12 + 5 + 4 + 4
     if counted.main(["--short", "--directory", str(tmp_path)]) == 0:
-        ((_, _, count),) = json.loads((tmp_path / "kernels.json").read_text())["kernels"]
+        found = json.loads((tmp_path / "kernels.json").read_text())
+        ((_, _, count),) = found["kernels"]
         assert 10 < count < 100
+        for _, moved, least in found["batches"]:
+            assert least * 0.99 < moved < 100 * least
     else:
         assert "cannot compile for an H100 here" in capsys.readouterr().err
         assert not any(tmp_path.iterdir())
