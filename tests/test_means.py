@@ -14,7 +14,7 @@ from warpopt.receivers import ConvexBody, DepthBuffer, DepthHistogram, PointRece
 from warpopt.receivers.weighted import cells
 from warpopt.receivers.weighted.weights import Weights
 from warpopt.solve.means.cell_bounds import corner_mean, covariance_loss, excess_of_cells
-from warpopt.solve.means.sample_norm import Touch
+from warpopt.solve.means.sample_norm import Touch, _first_largest
 from warpopt.solve.means.weak_convexity import least
 from warpopt.solve.pieces import value_at
 from warpopt.solve.scene_norm import log_norm_of
@@ -133,7 +133,7 @@ def test_an_edges_offset_is_the_mean_distance_over_a_texel():
 def test_an_edges_offset_and_its_derivatives_are_those_of_many_digits():
     """T53's integrals from the texel's sides, to 60 digits, and their differences; bounds in the dtype's eps.
 
-    8 for a dozen roundings; 200 for derivatives: g is rounded over T^2 >= 1/16, a third of a difference is left.
+    8 for a dozen roundings; 200 for derivatives (170 is the worst of 9,000 draws): g is rounded over T^2 >= 1/16.
     """
     rng = np.random.default_rng(2)
     e_p, e_q = np.exp(rng.normal(0, 5, (2, 60)))
@@ -161,13 +161,88 @@ def test_an_edges_offset_and_its_derivatives_are_those_of_many_digits():
                     assert abs(got - wanted) <= 200 * unit * abs(wanted) + step, (row, k)
 
 
-@pytest.mark.parametrize("lengths", [(0, 0, 0), (1, 0, 0), (0, 0, 1), (0, 3, 1), (1, 1e-9, 1e-9), (1e-200, 1, 1)])
-def test_an_edges_offset_has_finite_gradients_at_every_edge(lengths):
-    gradient = jax.jit(jax.grad(lambda v: edge_offset(*v)))(np.array(lengths, float))
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize(
+    "lengths", [(0, 0, 0), (1, 0, 0), (0, 0, 1), (0, 3, 1), (1, 1e-9, 1e-9), (1e-30, 1, 1e-30), (1e-200, 1, 1)]
+)
+def test_an_edges_offset_has_finite_derivatives_at_every_edge(lengths, dtype):
+    lengths = np.array(lengths, dtype)
+    gradient = jax.jit(jax.grad(lambda v: edge_offset(*v)))(lengths)
     assert np.isfinite(gradient).all()
     assert (gradient >= -1e-300).all()  # it falls in none of the lengths
-    curvature = jax.jit(jax.jacfwd(jax.grad(lambda v: edge_offset(*v))))(np.array(lengths, float))
+    curvature = jax.jit(jax.jacfwd(jax.grad(lambda v: edge_offset(*v))))(lengths)
     assert np.isfinite(curvature).all()
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_an_edges_offset_is_in_range_where_the_texel_is(dtype):
+    """Of lengths near both ends of the numbers, and of a shear whose product with E_p is beyond them."""
+    most, least = float(np.finfo(dtype).max), float(np.finfo(dtype).tiny)
+    one = float(edge_offset(*(jnp.asarray(v, float) for v in (1.0, 0.5, 1.0))))
+    sheared = float(edge_offset(*(jnp.asarray(v, float) for v in (1.0, 2.0, 0.0))))
+    cases = ((most, 0.5, most), most * one), ((least, 0.5, least), least * one), ((most, 2.0, 1.0), most * sheared)
+    for lengths, expected in cases:
+        found = jax.jit(edge_offset)(*(jnp.asarray(v, dtype) for v in lengths))
+        assert found.dtype == dtype
+        # An offset below the normal numbers is 0.
+        np.testing.assert_allclose(float(found), expected if expected > least else 0, rtol=32 * np.finfo(dtype).eps)
+
+
+def test_an_edges_offset_takes_integers_and_mixed_dtypes():
+    exact = edge_offset(*(jnp.asarray(v, float) for v in (2.0, 1.0, 3.0)))
+    assert edge_offset(2, 1, 3) == exact
+    np.testing.assert_array_equal(edge_offset(jnp.array([2, 2]), 1.0, np.array([3, 3])), jnp.stack([exact, exact]))
+    slope = jax.grad(lambda e_p: edge_offset(e_p, 1, np.array([3, 3])).sum())(2.0)
+    assert slope == 2 * jax.grad(lambda e_p: edge_offset(e_p, 1.0, 3.0))(2.0)
+    mixed = edge_offset(jnp.float32(2), 1, jnp.float64(3))
+    assert (mixed.dtype, edge_offset(jnp.float32(2), 1, 3).dtype) == (exact.dtype, jnp.float32)
+
+
+@pytest.mark.parametrize("count", [1, 5, 1023, 1152, 5000])
+def test_the_first_of_the_largest_is_found_as_by_an_argmax(count):
+    """Of one, of rows that fill their lanes and that do not, of ties; of those that are the largest up to rounding."""
+    rng = np.random.default_rng(count)
+    tied = rng.integers(0, 7, count).astype(float)
+    close = np.where(rng.random(count) < 0.5, 1, 1 - 2.0**-52)
+    for values in (rng.random(count), tied, np.zeros(count)):
+        assert jax.jit(_first_largest)(values) == np.argmax(values)
+    assert jax.jit(_first_largest)(close) == 0
+    assert jax.jit(_first_largest)(np.full(count, np.nan)) == count - 1  # an index, which may be taken
+
+
+@pytest.mark.parametrize(
+    "objective", [Objective("band"), Objective("q"), Objective("pxq", "l2")], ids=lambda o: o.title
+)
+def test_an_optimum_has_no_unit_of_length(objective):
+    """In single precision, over scenes whose lengths are near both ends of the numbers.
+
+    eta is the same but for its rounding. With a least eta below the root of the least normal number the curves of a
+    mean prove nothing, and it is said.
+    """
+    z = np.exp(np.random.default_rng(3).uniform(0, 5, 24))
+    points = np.c_[np.sin(9 * z) * 0.4 * z, np.cos(7 * z) * 0.3 * z, -z]
+
+    @jax.jit
+    def solve(points, size, min_eta):
+        one = np.float32
+        axes = np.array((0, 0, -1), one), np.array((0, 1, 0), one)
+        camera = Camera(jnp.zeros(3, one), *axes, near=size * one(0.1), far=size * one(500), half_fov=one(0.4))
+        light = DirectionalLight(np.array((0.3, -1, -0.5), one))
+        view = SceneView(camera, light, PointReceivers(size * points, "depth"), screen=SCREEN, shadow_map=MAP)
+        found = optimal_warp(view, objective, min_eta=min_eta, throw=False)
+        return found.warp.eta, found.result
+
+    points = points.astype(np.float32)
+    eta, result = solve(points, np.float32(1), np.float32(1e-4))
+    assert 0.001 < eta < 0.99
+    for size in (1e-33, 1e-20, 1e20, 4e35):
+        other, same = solve(points, np.float32(size), np.float32(1e-4))
+        np.testing.assert_allclose(other, eta, rtol=1e-4)  # rounding over eta, or over the root of the curvature
+        assert same == result, size
+    for floor in (1e-30, 1e-37) if objective.kernel else ():
+        other, result = solve(points, np.float32(1), np.float32(floor))
+        np.testing.assert_allclose(other, eta, rtol=1e-3)  # the best node's
+        assert int(result) == Outcome.inaccurate
 
 
 @functools.partial(jax.jit, static_argnums=1)
@@ -456,7 +531,7 @@ def of_two_and_centroid(few, many, floor):
     eta = search.eta
     return (
         eta, few.touch(eta).value, many.touch(eta).value, covariance_loss(many, eta, eta), corner_mean(many, eta),
-        excess_of_cells(many, many, search, jnp.log(eta), value_at(many, jnp.log(eta)), floor),
+        excess_of_cells(many, many, search, jnp.log(eta), search.value, floor),
     )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ def wide() -> bool:
 
 
 def sweep(step: Callable[[Any, Any], tuple[Any, Any]], start: PyTree, rows: PyTree) -> tuple[PyTree, PyTree]:
-    """`jax.lax.scan(step, start, rows)` where `start` is 0, and a step adds its row: all at once or one by one."""
+    """`jax.lax.scan(step, start, rows)`, where `start` is 0 or None and a step adds its row: by rows or all at once."""
     if not wide():
         return jax.lax.scan(step, start, rows)
     found, kept = jax.vmap(step, (None, 0))(start, rows)

@@ -184,7 +184,7 @@ def _of_extents(log_norm: LogNorm, grouped: bool, min_eta: Array, without: bool)
 def _of_samples(norm: SampleNorm, min_eta: Array) -> tuple[Optimum, Array, Array, Array, Array]:
     """(the optimum, the norm, that of no warp, the norm's excess over the individual receivers', its gap to the lower
     bound over all eta)."""
-    optimum, value, unwarped, lower, search = minimise_mean(norm, min_eta)
+    optimum, mean, value, unwarped, lower, search = minimise_mean(norm, min_eta)
     # Of a mean this small some powers of sizes were flushed to 0, or all.
     numbers = jnp.finfo(value.dtype)
     lost = (search.value < numbers.tiny / numbers.eps) & (unwarped > 0)
@@ -192,7 +192,7 @@ def _of_samples(norm: SampleNorm, min_eta: Array) -> tuple[Optimum, Array, Array
     best_case = eqx.tree_at(lambda n: n.footprint, norm, norm.footprint.at_best())
     exact = norm.samples.corners is None and not norm.footprint.grouped
     excess = (
-        jnp.zeros_like(value) if exact else excess_of_cells(norm, best_case, search, optimum.log_eta, value, min_eta)
+        jnp.zeros_like(value) if exact else excess_of_cells(norm, best_case, search, optimum.log_eta, mean, min_eta)
     )
     return optimum, value, unwarped, excess, _over(value, lower)
 

@@ -1,5 +1,7 @@
 """The norm over a scene's footprint as a function of log(eta), for any objective."""
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from ..objective import Metric, Objective
@@ -12,23 +14,33 @@ from .means.sample_norm import SampleNorm
 def log_norm_of(footprint: Footprint, frame: LightFrame, objective: Objective) -> LogNorm | SampleNorm:
     """The norm as a function of log(eta)."""
     if objective.kernel is not None:
-        along = jnp.where(footprint.flat, 0, footprint.mu) * frame.density_p / footprint.unit
-        across = frame.density_q / footprint.unit * jnp.ones_like(along)
+        size = footprint.mu / footprint.unit
+        along, across = jnp.where(footprint.flat, 0, size) * frame.density_p, size * frame.density_q
         scale = jnp.where(along > across, along, across)
         parts = along / scale, across / scale, jnp.log(scale), frame.pixel_ratio
-        return SampleNorm(footprint, *parts, objective.kernel, objective.order)
+        return SampleNorm(_with_shares(footprint), *parts, objective.kernel, objective.order)
     return product_norm(footprint, frame, objective)
+
+
+def _with_shares(footprint: Footprint) -> Footprint:
+    """Its sides in units of mu: in those of length, widths may leave the dtype's range at a small eta."""
+    sides, mu = footprint.sides, footprint.mu
+    shares = jax.tree.map(lambda width: width / mu, (sides.right, sides.left, sides.reached))
+    return eqx.tree_at(
+        lambda f: (f.sides.right, f.sides.left, f.sides.reached), footprint, shares, is_leaf=lambda v: v is None
+    )
 
 
 def product_norm(footprint: Footprint, frame: LightFrame, objective: Objective) -> LogNorm:
     """The same for products of E_p and E_q."""
     terms = tuple(_term(footprint, frame, metric, objective.supremum) for metric in objective.terms)
-    return LogNorm(footprint, terms, None if objective.supremum else objective, objective.storage)
+    return LogNorm(_with_shares(footprint), terms, None if objective.supremum else objective, objective.storage)
 
 
 def _term(footprint: Footprint, frame: LightFrame, metric: Metric, supremum: bool) -> Term:
-    """E_p = density_p mu A^2 / (z eta) and E_q = density_q width A / z: the factors independent of eta."""
-    factor = metric.alpha * jnp.log(footprint.mu * frame.density_p) + metric.beta * jnp.log(frame.density_q)
+    """E_p = density_p mu A^2 / (z eta) and E_q = density_q mu (width / mu) A / z: the factors independent of eta."""
+    across, along = (jnp.log(footprint.mu) + jnp.log(density) for density in (frame.density_q, frame.density_p))
+    factor = metric.alpha * along + metric.beta * across
     if metric.alpha:  # receivers at one depth have no texels along Z_w
         factor = jnp.where(footprint.flat, -jnp.inf, factor)
     if not supremum:

@@ -6,6 +6,7 @@ is the shear, dx/dd at constant t. Every function here is convex and homogeneous
 |sigma E_p| and E_q, and falls in none of them: the certificate of `solve.weak_convexity` rests on that.
 """
 
+import functools
 import math
 from collections.abc import Callable
 
@@ -14,6 +15,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._numerics import horner, larger, over
+
+_SERIES = 0.0625  # squares below which a series is used, each of whose terms is smaller by this
 
 
 def longest_edge(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -69,7 +72,11 @@ def edge_offset(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float
         >>> [round(v * 2 * 3.14159265, 4) for v in one_direction]   # a segment of length 1: (2/pi) / 4
         [1.0, 1.0]
     """
-    return _mean_distance(*jnp.broadcast_arrays(e_p, e_p * jnp.abs(sigma), e_q)) * (2 / jnp.pi)
+    dtype = jnp.result_type(e_p, sigma, e_q, 1.0)  # integers become floats
+    p, sigma, q = (v.astype(dtype) for v in jnp.broadcast_arrays(e_p, sigma, e_q))
+    scale = _scale_of(p, q)
+    p, q = p * (1 / scale), q * (1 / scale)
+    return scale * (_mean_distance(p, p * jnp.abs(sigma), q) * (2 / jnp.pi))
 
 
 def lean(
@@ -128,9 +135,7 @@ def _mean_distance_jvp(primals, tangents):
 
 def _with_gradient(p: Array, s: Array, q: Array) -> tuple[Array, tuple[Array, Array, Array]]:
     """(the mean distance, its derivatives by p, s and q): (T53)."""
-    # All are homogeneous in the lengths: what they are multiplied by needs no derivative. Its inverse stays in range.
-    numbers = jnp.finfo(p.dtype)
-    scale = jax.lax.stop_gradient(jnp.clip(larger(larger(p, s), q), 4 * numbers.tiny, 0.25 / numbers.tiny))
+    scale = _scale_of(p, s, q)
     p, s, q = (v * (1 / scale) for v in (p, s, q))
     longer, shorter = _length(p, s + q), _length(p, s - q)  # the diagonals
     half = (longer + shorter) / 2
@@ -150,19 +155,31 @@ def _with_gradient(p: Array, s: Array, q: Array) -> tuple[Array, tuple[Array, Ar
     by_p = P * (3 - towards + (2 * towards - across) * of_side + 2 * QQ * of_row)
     by_s = S * (3 - towards - 3 * across * of_side)
     by_q = Q * (3 - SS + PP * (2 * of_side - of_row))
-    return scale * value / 12, (by_p / 12, by_s / 12, by_q / 12)
+    return scale * (value / 12), (by_p / 12, by_s / 12, by_q / 12)
+
+
+def _scale_of(*lengths: Array) -> Array:
+    """A number of their size, 1 if all are 0, whose inverse is in range: functions homogeneous in them are computed in
+    units of it.
+
+    The result does not depend on it, so that it needs no derivative.
+    """
+    tiny, largest = jnp.finfo(lengths[0].dtype).tiny, functools.reduce(larger, lengths)
+    return jax.lax.stop_gradient(jnp.where(largest > 0, jnp.clip(largest, 4 * tiny, 0.25 / tiny), 1))
 
 
 def _atanh_rest(t: Array, square: Array, inverse: Array, rest: Array) -> Array:
-    """(atanh(t) / t - 1) / t^2 for 0 <= t <= 1, from t, t^2, its inverse and 1 - t^2; where it diverges, at 1, what it
-    is multiplied by is 0."""
+    """(atanh(t) / t - 1) / t^2 for 0 <= t <= 1, from t, t^2, 1/t^2 and 1 - t^2.
+
+    It diverges at 1, where it is multiplied by 0.
+    """
     numbers = jnp.finfo(t.dtype)
-    near, terms = 0.0625, math.ceil(math.log(float(numbers.eps)) / math.log(0.0625))
-    series = horner([1 / (2 * k + 3) for k in reversed(range(terms))], jnp.where(square < near, square, 0))
-    large, inverse = (jnp.where(square < near, 1, v) for v in (t, inverse))
+    small, terms = square < _SERIES, math.ceil(math.log(float(numbers.eps)) / math.log(_SERIES))
+    series = horner([1 / (2 * k + 3) for k in reversed(range(terms))], jnp.where(small, square, 0))
+    large, inverse = (jnp.where(small, 1, v) for v in (t, inverse))
     away = jnp.where(rest > 16 * numbers.tiny, rest, 16 * numbers.tiny)
     direct = (jnp.log(over((1 + large) * (1 + large), away)) * (0.5 * large * inverse) - 1) * inverse
-    return jnp.where(square < near, series, direct)
+    return jnp.where(small, series, direct)
 
 
 def _length(x: Array, y: Array) -> Array:

@@ -266,9 +266,10 @@ def _compacted_at_once(groups: list[list[Float[Array, "_ 4"]]]) -> list[_Occupie
         chosen = jnp.asarray(len(group) - 1)
         for k in reversed(range(len(group))):  # an argmax would be a kernel
             chosen = jnp.where(counts[k] <= room, k, chosen)
-        for k, (begin, end) in enumerate(itertools.pairwise(ends)):
-            place = start + number[begin:end] - upto[k] - 1
-            places.append(jnp.where(there[begin:end] & (chosen == k), place, sum(rooms)))
+        for k, (begin, stop) in enumerate(itertools.pairwise(ends)):
+            place = start + number[begin:stop] - upto[k] - 1
+            places.append(jnp.where(there[begin:stop] & (chosen == k), place, sum(rooms)))
+        end = ends[-1]
         choices.append((chosen, jnp.stack(counts)[chosen], jnp.asarray(ends)[chosen]))
     moved = jnp.zeros(sum(rooms), jnp.int32)
     moved = moved.at[jnp.concatenate(places)].set(jnp.arange(len(cells), dtype=jnp.int32), mode="drop")

@@ -112,12 +112,12 @@ class Weights(eqx.Module):
     def of(
         self, z: Float[Array, "..."], seen: Bool[Array, "..."], farthest: Float[Array, ""] | None = None
     ) -> tuple[Float[Array, "..."], Bool[Array, ""]]:
-        """(weights, 0 for what is not seen; whether they would all be 0, as if nothing is seen, so that they are z).
+        """(weights, 0 for what is not seen; whether all would be 0, also because nothing is seen: then they are z).
 
         Args:
             z: eye depths; anything finite for what is not seen.
             seen: which receivers are visible.
-            farthest: the largest depth of these, if it is known; at most 0 if there are none.
+            farthest: the largest depth of these, if it is known; -inf if there are none.
         """
         counted = seen if self.lit is None else seen & self.lit
         base = z if self.by_depth else jnp.ones_like(z) if self.values is None else self.values.astype(z.dtype)

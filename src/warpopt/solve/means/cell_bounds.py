@@ -97,7 +97,7 @@ def _loss(norm: SampleNorm, part: Samples, low: Array, high: Array) -> Array:
 
 
 def excess_of_cells(
-    norm: SampleNorm, best_case: SampleNorm, search: Minimum, u: Array, value: Array, min_eta: Array
+    norm: SampleNorm, best_case: SampleNorm, search: Minimum, u: Array, mean: Array, min_eta: Array
 ) -> Float[Array, ""]:
     """Bound on the regret due to cells and grouped sides: the most that the individual receivers' norm may be at u over
     the least that it may be anywhere, minus 1.
@@ -107,16 +107,17 @@ def excess_of_cells(
         best_case: the same with the most favourable sides.
         search: of `norm`.
         u: log of the eta that was found.
-        value: the norm there.
+        mean: J there.
         min_eta: the least eta that counts.
     """
     eta, floor = jnp.exp(u), min_eta.astype(u.dtype)
     most = corner_mean(norm, eta)
-    most = larger(most, norm.mean_of(value))  # so that the individual receivers' mean is that of the cells within it
+    most = larger(most, mean)  # so that the individual receivers' mean is that of the cells within it
     # A width narrower by a factor leaves at least that factor of a size, and within each of the first intervals one
     # loss is enough where the search's bound is high. In the rest, around the optimum, the best case is searched.
     nodes = even_nodes(floor, jnp.ones_like(floor), NODES)
     losses = mapped(lambda ends: covariance_loss(norm, *ends), (nodes[:-1], nodes[1:]))
+    # One by one: a reduction would be a kernel.
     which = sum(((search.starts >= node).astype(jnp.int32) for node in nodes[1:-1]), start=jnp.asarray(0, jnp.int32))
     rough = search.bounds - losses[which]
     rough = jnp.where(rough > 0, rough, 0) * _narrowing(norm, best_case, floor) ** norm.order

@@ -108,7 +108,11 @@ class SampleNorm(eqx.Module):
 
     def value(self, u: Float[Array, ""], active: Selection) -> Float[Array, ""]:
         """log of the norm on the smooth piece selected by `active`."""
-        return self._log(sum((terms.sum() for terms in self._piece(u, active)), start=jnp.zeros_like(u)))
+        return self.log_of(self.mean(u, active))
+
+    def mean(self, u: Float[Array, ""], active: Selection) -> Float[Array, ""]:
+        """J on that piece."""
+        return sum((terms.sum() for terms in self._piece(u, active)), start=jnp.zeros_like(u))
 
     def slope(self, u: Float[Array, ""], active: Selection) -> Float[Array, ""]:
         """d value / du on that piece."""
@@ -119,7 +123,7 @@ class SampleNorm(eqx.Module):
         terms, changes = jax.jvp(lambda v: self._piece(v, active), (u,), (jnp.ones_like(u),))
         parts = [sums([own, change]) for own, change in zip(terms, changes, strict=True)]
         total, change = (sum((part[k] for part in parts), start=jnp.zeros_like(u)) for k in (0, 1))
-        return self._log(total), change / (total * self.order)
+        return self.log_of(total), change / (total * self.order)
 
     def touch(self, eta: Float[Array, ""]) -> Touch:
         """The curve that touches J at eta."""
@@ -153,11 +157,8 @@ class SampleNorm(eqx.Module):
         """The norm where J is `mean`."""
         return mean ** (1 / self.order) * jnp.exp(self.log_scale)
 
-    def mean_of(self, value: Float[Array, ""]) -> Float[Array, ""]:
-        """J where the norm is `value`."""
-        return power(value * jnp.exp(-self.log_scale), self.order)
-
-    def _log(self, mean: Array) -> Array:
+    def log_of(self, mean: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Its logarithm."""
         return jnp.log(mean) / self.order + self.log_scale
 
     @property
@@ -219,6 +220,7 @@ class SampleNorm(eqx.Module):
         """(E_p, sigma, E_q) at `footprint.unit` (T51)."""
         blend = depth.blend(eta)
         sigma = lateral * ((1 - eta) * self.pixel_ratio) / blend
+        # Not the square of A first, which may be below the normal numbers: 0.
         return (self.along / eta) * blend * blend, sigma, (self.across * width) * blend
 
     def _texels(self, eta: Array, width: Array) -> tuple[Array, Array, Array]:
@@ -255,7 +257,10 @@ class SampleNorm(eqx.Module):
 
 
 def _first_largest(values: Array) -> Array:
-    """The index of the first of those that are the largest up to rounding: on a CPU a fifth of an argmax's time."""
+    """The index of the first of those that are the largest up to rounding, of values >= 0; the last for NaN.
+
+    On a CPU it takes a fifth of an argmax's time.
+    """
     lanes = _in_lanes(values)
     largest = (1 - 8 * jnp.finfo(values.dtype).eps) * lanes.max(0).max()
     order = jnp.arange(lanes.size, dtype=jnp.int32).reshape(lanes.shape)

@@ -7,15 +7,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..outcome import Outcome
-from ..pieces import Optimum, settled, value_at, zero_of_slope
+from ..pieces import Optimum, settled, zero_of_slope
 from .sample_norm import SampleNorm
 from .weak_convexity import Minimum, least, longest_interval
 
 
 class SampleOptimum(NamedTuple):
-    """The optimum, the norm there and of no warp, its lower bound over [min_eta, 1], and the search that proves it."""
+    """The optimum, J and the norm there, the norm of no warp, the lower bound of the norm over [min_eta, 1], and the
+    search that proves it."""
 
     optimum: Optimum
+    mean: Float[Array, ""]
     value: Float[Array, ""]
     unwarped: Float[Array, ""]
     lower: Float[Array, ""]
@@ -55,16 +57,18 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
     u, outcome, residual = settled(norm, root, eps)
     node = jnp.where(unbounded, jnp.log(floor), jnp.log(found.eta))
     # In one map: the norm is compiled once.
-    values = jax.vmap(lambda u: value_at(norm, u))(jnp.stack([u, node, jnp.zeros_like(u)]))
+    places = jnp.stack([u, node, jnp.zeros_like(u)])
+    means = jax.vmap(lambda u: norm.mean(u, jax.lax.stop_gradient(norm.active(u))))(places)
+    values = jnp.exp(norm.log_of(means))
     # Between its neighbours the best node may have a local minimum on either side of it: the node, which is within the
     # tolerance of the global minimum, is kept if the one that the root finder came to is the worse.
     positive = jnp.where(found.value > 0, found.value, 1)
     better = values[0] <= fixed.of_mean(positive) * (1 + noise)
     outcome = jnp.where(better, outcome, Outcome.stationary)
     residual = jnp.where(better, residual, jnp.abs(found.slope * found.eta / positive) / norm.order)
-    u, value = (
+    u, mean, value = (
         jnp.where(inside & better, own, jnp.where(inside | unbounded, other, none))
-        for own, other, none in ((u, node, 0), values)
+        for own, other, none in (places, means, values)
     )
     outcome = jnp.where(inside, outcome, jnp.where(unbounded, Outcome.unbounded, Outcome.no_warp))
     least_sum = found.bounds.min()
@@ -74,4 +78,4 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
     outcome = jnp.where(fixed.footprint.empty, Outcome.empty, outcome).astype(jnp.int32)
     residual, margin = jnp.where(inside, residual, 0), jnp.where(nothing, 0, margin)
     lower = fixed.of_mean(jnp.where(least_sum > 0, least_sum, 0))
-    return SampleOptimum(Optimum(u, outcome, residual, margin), value, values[2], lower, found)
+    return SampleOptimum(Optimum(u, outcome, residual, margin), mean, value, values[2], lower, found)
