@@ -49,9 +49,10 @@ def sweep_points(
     return step(start(jax.tree.leaves(points)[0].shape), points)[0]
 
 
-def sums(terms: Sequence[Float[Array, " N"]]) -> list[Float[Array, ""]]:
-    """The sum of each; on a device of many threads all of them in one kernel, with all that gives the terms."""
-    return _sums_at_once(*terms) if wide() else [values.sum() for values in terms]
+def sums(terms: Sequence[Float[Array, "N ..."]]) -> list[Float[Array, "..."]]:
+    """The sum of each over its first axis; on a device of many threads all of them in one kernel, with all that gives
+    the terms."""
+    return _sums_at_once(*terms) if wide() else [values.sum(0) for values in terms]
 
 
 @jax.custom_jvp

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ..._numerics import over, power, staged, unit_nodes
+from ..._parallel import sums
 from ...objective import Objective
 from ...theory.light_space import LightDepth, LightSpace
 from ..moments import Moments
@@ -72,7 +73,10 @@ def segment_moments(
     polar = _polar_forms(
         integrals, (near.delta / sigma, far.delta), (near.one_minus_delta, far.one_minus_delta * sigma)
     )
-    raw = [math.comb(M, j) * (weights * value).sum(0) for j, value in enumerate(polar)]
+    terms = [weights * value for value in polar]
+    # On a GPU a kernel for each sum would read the polar forms that they share from memory: more than two do.
+    totals = sums(terms) if M > 2 else [values.sum(0) for values in terms]
+    raw = [math.comb(M, j) * value for j, value in enumerate(totals)]
     return _balanced(raw, sigma, centre, x, L, objective)
 
 
