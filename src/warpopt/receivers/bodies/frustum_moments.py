@@ -73,7 +73,7 @@ def segment_moments(
     polar = _polar_forms(
         integrals, (near.delta / sigma, far.delta), (near.one_minus_delta, far.one_minus_delta * sigma)
     )
-    terms = [weights * value for value in polar]
+    terms = [value * weights for value in polar]
     # On a GPU a kernel for each sum would read the polar forms that they share from memory: more than two do.
     totals = sums(terms) if M > 2 else [values.sum(0) for values in terms]
     raw = [math.comb(M, j) * value for j, value in enumerate(totals)]
