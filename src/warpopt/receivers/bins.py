@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._checks import assembled
-from .._numerics import larger, least_and_largest, least_of, power
+from .._numerics import least_and_largest, least_of, power
 from .._parallel import extremes, sweep
 from ..objective import Objective
 from ..theory.light_frame import LightFrame
@@ -189,7 +189,8 @@ def with_moments(
     total, *raw = sweep(add, (jnp.zeros(shape.shape, shape.dtype),) * (M + 2), rows)[0]
     # A receiver at an end may have delta = -eps, so the sums are clamped. (Clamping each receiver costs more than the
     # rest of the sweep.)
-    sums = [larger(value.sum(), 0) for value in raw]
+    totals = [value.sum() for value in raw]
+    sums = [jnp.where(total < 0, 0, total) for total in totals]  # NaN stays: it must not look like a sum
     return footprint.with_moments(binomial_moments(sums, total.sum() if mass is None else mass, objective), unit)
 
 

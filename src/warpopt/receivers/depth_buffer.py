@@ -216,14 +216,14 @@ class DepthBuffer(OneByOne):
                 pixels, weight, rise, normal = row
                 seen, z, d = depths(pixels)
                 normal = None if normal is None else frame.across_edges(*(n * known for n in normal))
-                return d, z * (lean + rise), z, weight_of(seen, z, weight), seen, normal
+                return d, z * (lean + rise), jnp.where(seen, z, unit), weight_of(seen, z, weight), seen, normal
 
             return with_samples(footprint, (rows, weights, rise, normals), samples_of, unit, objective)
 
         def receivers_of(row: tuple[Any, Array | None]) -> tuple[Array, Array, Array]:
             pixels, weight = row
             seen, z, d = depths(pixels)
-            return jnp.where(seen, d, start), unit / z, weight_of(seen, z, weight)
+            return jnp.where(seen, d, start), unit / jnp.where(seen, z, unit), weight_of(seen, z, weight)
 
         return with_moments(footprint, (rows, weights), receivers_of, unit, objective)
 

@@ -79,6 +79,8 @@ class PointReceivers(OneByOne):
         if objective.supremum:
             return footprint
         unit = jnp.where(seen.any(), jnp.where(seen, z, jnp.inf).min(), 1)
+        # What is not seen is in the scene's own units, so that its powers, which are weighed 0, stay in range.
+        d, x, z = (jnp.where(seen, v, fill) for v, fill in ((d, footprint.start), (x, footprint.axis), (z, unit)))
         weights, by_depth = self._weights(z, seen)
         footprint = footprint.weighted_by_depth(by_depth)
         if objective.kernel is not None:

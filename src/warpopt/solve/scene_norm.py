@@ -16,9 +16,13 @@ def log_norm_of(footprint: Footprint, frame: LightFrame, objective: Objective) -
     if objective.kernel is not None:
         size = footprint.mu / footprint.unit
         along, across = jnp.where(footprint.flat, 0, size) * frame.density_p, size * frame.density_q
-        scale = jnp.where(along > across, along, across)
+        footprint = _with_shares(footprint)
+        # In units of the larger error without a warp, whose powers stay in range; the norm does not depend on them.
+        reach = across * sum(footprint.half_widths(jnp.ones_like(along)))
+        scale = jnp.where(along > reach, along, reach)
+        scale = jax.lax.stop_gradient(jnp.where(scale > 0, scale, 1))
         parts = along / scale, across / scale, jnp.log(scale), frame.pixel_ratio
-        return SampleNorm(_with_shares(footprint), *parts, objective.kernel, objective.order)
+        return SampleNorm(footprint, *parts, objective.kernel, objective.order)
     return product_norm(footprint, frame, objective)
 
 

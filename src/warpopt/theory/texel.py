@@ -73,10 +73,7 @@ def edge_offset(e_p: Float[Array, "..."], sigma: Float[Array, "..."], e_q: Float
         [1.0, 1.0]
     """
     dtype = jnp.result_type(e_p, sigma, e_q, 1.0)  # integers become floats
-    p, sigma, q = (v.astype(dtype) for v in jnp.broadcast_arrays(e_p, sigma, e_q))
-    scale = _scale_of(p, q)
-    p, q = p * (1 / scale), q * (1 / scale)
-    return scale * (_mean_distance(p, p * jnp.abs(sigma), q) * (2 / jnp.pi))
+    return _offset(*(v.astype(dtype) for v in jnp.broadcast_arrays(e_p, sigma, e_q)))
 
 
 def lean(
@@ -120,21 +117,30 @@ def offset_across(column: Float[Array, "..."], row: Float[Array, "..."]) -> Floa
 
 
 @jax.custom_jvp
-def _mean_distance(p: Array, s: Array, q: Array) -> Array:
-    """The mean distance from the centre of a texel with the edges (p, s) and (0, q); none of them negative."""
-    return _with_gradient(p, s, q)[0]
+def _offset(e_p: Array, sigma: Array, e_q: Array) -> Array:
+    return _offset_and_slopes(e_p, sigma, e_q)[0]
 
 
-@_mean_distance.defjvp
-def _mean_distance_jvp(primals, tangents):
+@_offset.defjvp
+def _offset_jvp(primals, tangents):
     # By hand: automatic differentiation of the value takes three times the operations, on a CPU thirty times as long.
-    value, (by_p, by_s, by_q) = _with_gradient(*primals)
-    p, s, q = tangents
-    return value, by_p * p + by_s * s + by_q * q
+    value, (by_p, by_sigma, by_q) = _offset_and_slopes(*primals)
+    p, sigma, q = tangents
+    return value, by_p * p + by_sigma * sigma + by_q * q
 
 
-def _with_gradient(p: Array, s: Array, q: Array) -> tuple[Array, tuple[Array, Array, Array]]:
-    """(the mean distance, its derivatives by p, s and q): (T53)."""
+def _offset_and_slopes(e_p: Array, sigma: Array, e_q: Array) -> tuple[Array, tuple[Array, Array, Array]]:
+    scale, turn = _scale_of(e_p, e_q), jnp.abs(sigma)
+    p, q = (v * (1 / scale) for v in (e_p, e_q))
+    value, (by_p, by_s, by_q) = _mean_distance(p, p * turn, q)
+    by_s = by_s * (2 / jnp.pi)
+    slopes = by_p * (2 / jnp.pi) + turn * by_s, jnp.sign(sigma) * e_p * by_s, by_q * (2 / jnp.pi)
+    return scale * (value * (2 / jnp.pi)), slopes
+
+
+def _mean_distance(p: Array, s: Array, q: Array) -> tuple[Array, tuple[Array, Array, Array]]:
+    """(the mean distance from the centre of a texel with the edges (p, s) and (0, q), its derivatives by p, s and q):
+    (T53). None of the lengths is negative."""
     scale = _scale_of(p, s, q)
     p, s, q = (v * (1 / scale) for v in (p, s, q))
     longer, shorter = _length(p, s + q), _length(p, s - q)  # the diagonals
@@ -164,7 +170,7 @@ def _scale_of(*lengths: Array) -> Array:
 
     The result does not depend on it, so that it needs no derivative.
     """
-    tiny, largest = jnp.finfo(lengths[0].dtype).tiny, functools.reduce(larger, lengths)
+    tiny, largest = float(jnp.finfo(lengths[0].dtype).tiny), functools.reduce(larger, lengths)
     return jax.lax.stop_gradient(jnp.where(largest > 0, jnp.clip(largest, 4 * tiny, 0.25 / tiny), 1))
 
 

@@ -74,7 +74,7 @@ def segment_moments(
         integrals, (near.delta / sigma, far.delta), (near.one_minus_delta, far.one_minus_delta * sigma)
     )
     terms = [value * weights for value in polar]
-    # On a GPU a kernel for each sum would read the polar forms that they share from memory: more than two do.
+    # On a GPU kernels of five sums or more would read the polar forms that they share from memory.
     totals = sums(terms) if M > 2 else [values.sum(0) for values in terms]
     raw = [math.comb(M, j) * value for j, value in enumerate(totals)]
     return _balanced(raw, sigma, centre, x, L, objective)

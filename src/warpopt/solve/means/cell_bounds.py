@@ -117,7 +117,7 @@ def excess_of_cells(
     # loss is enough where the search's bound is high. In the rest, around the optimum, the best case is searched.
     nodes = even_nodes(floor, jnp.ones_like(floor), NODES)
     losses = mapped(lambda ends: covariance_loss(norm, *ends), (nodes[:-1], nodes[1:]))
-    # One by one: a reduction would be a kernel.
+    # One by one: on a GPU a reduction would be a kernel.
     which = sum(((search.starts >= node).astype(jnp.int32) for node in nodes[1:-1]), start=jnp.asarray(0, jnp.int32))
     rough = search.bounds - losses[which]
     rough = jnp.where(rough > 0, rough, 0) * _narrowing(norm, best_case, floor) ** norm.order

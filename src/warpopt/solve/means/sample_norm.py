@@ -70,7 +70,7 @@ class SampleNorm(eqx.Module):
     Attributes:
         footprint: with samples.
         along, across: E_p = along A^2 / eta and E_q = across w A for a receiver at `footprint.unit`, both over the
-            larger of the two.
+            larger error without a warp.
         log_scale: log of that.
         pixel_ratio: see `LightFrame`.
         kernel, order: name of the size (`KERNELS`), P.
@@ -158,7 +158,7 @@ class SampleNorm(eqx.Module):
         return mean ** (1 / self.order) * jnp.exp(self.log_scale)
 
     def log_of(self, mean: Float[Array, "..."]) -> Float[Array, "..."]:
-        """Its logarithm."""
+        """log of the norm where J is `mean`."""
         return jnp.log(mean) / self.order + self.log_scale
 
     @property
@@ -220,7 +220,7 @@ class SampleNorm(eqx.Module):
         """(E_p, sigma, E_q) at `footprint.unit` (T51)."""
         blend = depth.blend(eta)
         sigma = lateral * ((1 - eta) * self.pixel_ratio) / blend
-        # Not the square of A first, which may be below the normal numbers: 0.
+        # In this order: A's square by itself may underflow to 0.
         return (self.along / eta) * blend * blend, sigma, (self.across * width) * blend
 
     def _texels(self, eta: Array, width: Array) -> tuple[Array, Array, Array]:
