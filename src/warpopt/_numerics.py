@@ -96,6 +96,11 @@ def smaller(x: Array | float, y: Array | float) -> Float[Array, "..."]:
     return jnp.where(x < y, x, y)
 
 
+def positive(value: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The value, or 1 where it is 0: a divisor."""
+    return jnp.where(value > 0, value, 1)
+
+
 @jax.custom_jvp
 def over(x: Float[Array, "..."], y: Float[Array, "..."]) -> Float[Array, "..."]:
     """x / y for a small y, with derivatives that stay in range.

@@ -186,12 +186,12 @@ def with_moments(
 
     first = jax.tree.map(lambda v: v[0], rows)
     shape = jax.eval_shape(lambda row: receivers_of(row)[2], first)
-    total, *raw = sweep(add, (jnp.zeros(shape.shape, shape.dtype),) * (M + 2), rows)[0]
+    weighed, *raw = sweep(add, (jnp.zeros(shape.shape, shape.dtype),) * (M + 2), rows)[0]
     # A receiver at an end may have delta = -eps, so the sums are clamped. (Clamping each receiver costs more than the
     # rest of the sweep.)
-    totals = [value.sum() for value in raw]
-    sums = [jnp.where(total < 0, 0, total) for total in totals]  # NaN stays: it must not look like a sum
-    return footprint.with_moments(binomial_moments(sums, total.sum() if mass is None else mass, objective), unit)
+    sums = [value.sum() for value in raw]
+    sums = [jnp.where(value < 0, 0, value) for value in sums]  # NaN stays: it must not look like a sum
+    return footprint.with_moments(binomial_moments(sums, weighed.sum() if mass is None else mass, objective), unit)
 
 
 def _powers(base: Array, highest: int) -> list[Array]:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
+from .._numerics import positive
 from ..objective import Objective
 from ..receivers.answers import footprint_of
 from ..render.shadow_matrix import ClipSpace, to_clip
@@ -83,7 +84,7 @@ def update_window(
     pencil = _under(state.pencil, state, jnp.where(near_enough, light, state.fitted_light))
     frame, placed, corners, empty = _seen(view, pencil, state.texels)
     square = corners.within(placed)
-    last = (1 - state.pencil.eta / state.reach) / _positive(state.pencil.one_minus_eta)
+    last = (1 - state.pencil.eta / state.reach) / positive(state.pencil.one_minus_eta)
     last = jnp.where(state.pencil.one_minus_eta > 0, last, jnp.inf)
     place = functools.partial(offset_for, square, state.texels, state.offset, window.padding, window.ahead)
     offset, fits = place(last)
@@ -209,7 +210,7 @@ def _fitted(
 
     def beyond(margin: Array) -> Array:
         """The margin at the far end: less where the horizon is near."""
-        rest = jnp.where(warp.one_minus_eta > 0, warp.eta / _positive(warp.one_minus_eta), jnp.inf)
+        rest = jnp.where(warp.one_minus_eta > 0, warp.eta / positive(warp.one_minus_eta), jnp.inf)
         return jnp.minimum(margin / 2, _FAR_SHARE * rest)
 
     # A warp whose horizon would lie in the padding is too strong for it.
@@ -248,7 +249,7 @@ def _plane(window: Settings, view: SceneView) -> Array:
     points, weights = view.receivers.places(camera)
     z = camera.screen_depth(jnp.where(weights > 0, points[:, 2], 1))
     share = jnp.where(weights > 0, weights / (z * z), 0)
-    share = share / _positive(share.sum())
+    share = share / positive(share.sum())
     centre = share @ jnp.where((weights > 0)[:, None], points, 0)
     off = jnp.where((weights > 0)[:, None], points - centre, 0)
     _, vectors = jnp.linalg.eigh((off * share[:, None]).T @ off)
@@ -298,7 +299,7 @@ def _shown(window: Settings, state: WindowState, view: SceneView, there: Array, 
     blend, (level, low, high) = pencil.blend, state.depth
     rows = jnp.stack([
         pencil.across + (0.5 - shares[0]) * blend,
-        (jnp.append(state.light, -level) - low * blend) / _positive(high - low),
+        (jnp.append(state.light, -level) - low * blend) / positive(high - low),
         pencil.along - shares[1] * blend,
         blend,
     ])  # fmt: skip
@@ -313,7 +314,3 @@ def _shown(window: Settings, state: WindowState, view: SceneView, there: Array, 
         state.texels, action, reason, jnp.where(action == Action.SCROLLED, scroll, 0), state.loss,
         state.refits.astype(rows.dtype) / state.frames,
     )  # fmt: skip
-
-
-def _positive(value: Array) -> Array:
-    return jnp.where(value > 0, value, 1)

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._numerics import horner, larger, over
+from .._numerics import horner, larger, over, positive
 
 _SERIES = 0.0625  # squares below which a series is used, each of whose terms is smaller by this
 
@@ -147,15 +147,15 @@ def _mean_distance(p: Array, s: Array, q: Array) -> tuple[Array, tuple[Array, Ar
     half = (longer + shorter) / 2
     # half - max(s, q), half - s and half - q: differences of large numbers where p is small.
     outer, inner = longer + s + q, shorter + jnp.abs(s - q)
-    rest = p * p * (outer + inner) / _positive(2 * outer * inner)
+    rest = p * p * (outer + inner) / positive(2 * outer * inner)
     over_s, over_q = (rest + jnp.where(change > 0, change, 0) for change in (q - s, s - q))
-    unit = 1 / _positive(half)
+    unit = 1 / positive(half)
     P, S, Q = p * unit, s * unit, q * unit
     PP, SS, QQ = P * P, S * S, Q * Q
     side, square = _length(P, S), PP + SS
-    inverse = 1 / _positive(square)
+    inverse = 1 / positive(square)
     of_side = _atanh_rest(side, square, inverse, QQ * (over_s * unit) * (1 + S))
-    of_row = _atanh_rest(Q, QQ, 1 / _positive(QQ), (over_q * unit) * (1 + Q))
+    of_row = _atanh_rest(Q, QQ, 1 / positive(QQ), (over_q * unit) * (1 + Q))
     towards, across = QQ * SS * inverse, QQ * PP * inverse
     value = half * (3 + SS * QQ + PP * QQ * (of_side + of_row))
     by_p = P * (3 - towards + (2 * towards - across) * of_side + 2 * QQ * of_row)
@@ -191,11 +191,6 @@ def _atanh_rest(t: Array, square: Array, inverse: Array, rest: Array) -> Array:
 def _length(x: Array, y: Array) -> Array:
     square = x * x + y * y
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
-
-
-def _positive(value: Array) -> Array:
-    """The value, or 1 where it is 0: a divisor."""
-    return jnp.where(value > 0, value, 1)
 
 
 Kernel = Callable[[Array, Array, Array], Array]

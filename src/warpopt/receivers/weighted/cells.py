@@ -17,7 +17,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int, PyTree
 
-from ..._numerics import power, staged
+from ..._numerics import positive, power, staged
 from ..._parallel import raised, sweep_points, wide
 from ...objective import Objective
 from ...theory.light_space import LightDepth
@@ -99,7 +99,7 @@ def _one_by_one(
     rest = jnp.where(seen, jnp.where(beyond > 0, beyond, 0), 1)
     across = x - footprint.axis
     lateral = jnp.where(seen, jnp.abs(across) * scale, 0)
-    share = weight * power(unit / z, objective.order) / _positive(weight.sum())
+    share = weight * power(unit / z, objective.order) / positive(weight.sum())
     depth = LightDepth(delta, rest)
     if normal is None:
         return Samples(depth, lateral, share), None
@@ -121,10 +121,10 @@ def _direction(normal: Normal) -> tuple[Int[Array, "..."], Float[Array, "..."]]:
     """
     along, beside = normal
     size = along + jnp.abs(beside)
-    place = (beside / _positive(size) + 1) * (_DIRECTIONS / 2)
+    place = (beside / positive(size) + 1) * (_DIRECTIONS / 2)
     layer = jnp.where(size > 0, jnp.minimum(place.astype(jnp.int32), _DIRECTIONS - 1), _DIRECTIONS)
     square = along * along + beside * beside
-    return layer, jnp.where(size > 0, jnp.sqrt(_positive(square)), 1)
+    return layer, jnp.where(size > 0, jnp.sqrt(positive(square)), 1)
 
 
 def _normals(layer: Float[Array, " N"], count: int, dtype) -> Normal:
@@ -148,7 +148,7 @@ def _in_cells(
     offset = jax.lax.stop_gradient(jnp.where(start * scale > _LEAST_START, start * scale, _LEAST_START))
     old = footprint.sides
     widest = jnp.where(old.right > old.left, old.right, old.left) * scale / (old.depth.delta + offset)
-    widest = _positive(jax.lax.stop_gradient(widest.max()))
+    widest = positive(jax.lax.stop_gradient(widest.max()))
 
     def add(found: tuple[Array, Array, Array], receivers: tuple) -> tuple[tuple[Array, Array, Array], None]:
         sums, widths, mass = found
@@ -176,7 +176,7 @@ def _in_cells(
         )  # fmt: skip
 
     sums, widths, mass = sweep_points(add, nothing, receivers_of, rows)
-    sums = (sums / _positive(mass.sum())).reshape(depths, slopes, layers, 4)
+    sums = (sums / positive(mass.sum())).reshape(depths, slopes, layers, 4)
     grid = _Grid(_edges(_FIRST_CELL * finer, depths, _FINE_BITS - coarser, dtype), offset, widest)
     sides = _finer(old, *widths.T)
     if directed:
@@ -308,9 +308,9 @@ def _of_cells(
     first, last = edges[i], edges[i + size[0]]
     # A cell's receivers lie between two slopes and two depths: a trapezoid, in this rectangle.
     inner, outer = j * pitch * (first + offset), (j + size[1]) * pitch * (last + offset)
-    depth, width = _positive(last - first), outer - inner  # cells beyond delta = 1 are empty
+    depth, width = positive(last - first), outer - inner  # cells beyond delta = 1 are empty
     total = sums[:, 0]
-    delta, lateral, both = (sums[:, i] / _positive(total) for i in (1, 2, 3))
+    delta, lateral, both = (sums[:, i] / positive(total) for i in (1, 2, 3))
     u, v = (delta - first) / depth, (lateral - inner) / width
     uv = (both - first * lateral - inner * delta + first * inner) / (depth * width)
     u, v, uv = (jnp.where(total > 0, jnp.clip(place, 0, 1), 0.5) for place in (u, v, uv))  # rounding
@@ -338,8 +338,3 @@ def _finer(old: Sides, right: Float[Array, " K"], left: Float[Array, " K"]) -> S
 
 def _scale(footprint: Footprint) -> Array:
     return jnp.where(footprint.flat, 0, 1 / footprint.mu)
-
-
-def _positive(value: Array) -> Array:
-    """The value, or 1 where it is 0: a divisor."""
-    return jnp.where(value > 0, value, 1)

@@ -153,9 +153,9 @@ class SampleNorm(eqx.Module):
             pole = pole + sum(leaning, start=jnp.zeros_like(eta)) / (eta * eta)
         return Touch(value, by_eta + by_width * widening, bend, pole)
 
-    def of_mean(self, mean: Float[Array, ""]) -> Float[Array, ""]:
+    def of_mean(self, mean: Float[Array, "..."]) -> Float[Array, "..."]:
         """The norm where J is `mean`."""
-        return mean ** (1 / self.order) * jnp.exp(self.log_scale)
+        return jnp.exp(self.log_of(mean))
 
     def log_of(self, mean: Float[Array, "..."]) -> Float[Array, "..."]:
         """log of the norm where J is `mean`."""

@@ -59,7 +59,7 @@ def minimise_mean(norm: SampleNorm, min_eta: Float[Array, ""]) -> SampleOptimum:
     # In one map: the norm is compiled once.
     places = jnp.stack([u, node, jnp.zeros_like(u)])
     means = jax.vmap(lambda u: norm.mean(u, jax.lax.stop_gradient(norm.active(u))))(places)
-    values = jnp.exp(norm.log_of(means))
+    values = norm.of_mean(means)
     # Between its neighbours the best node may have a local minimum on either side of it: the node, which is within the
     # tolerance of the global minimum, is kept if the one that the root finder came to is the worse.
     positive = jnp.where(found.value > 0, found.value, 1)
